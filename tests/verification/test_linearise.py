@@ -19,6 +19,8 @@ from project_case import write_project
 
 import softcal
 from softcal.errors import InputError, ParameterError, SimulationError
+from softcal.geometry.shape import PrimitiveShape
+from softcal.geometry.wire import SolidRod
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.small_motions import mass_tangent, small_motions
@@ -29,8 +31,10 @@ from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import at_rest
 from softcal.twin.masses import robot_inertia
-from softcal.twin.robot import Robot
+from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.robot import Body, Plate, Robot
 from softcal.twin.sensors import channel_units, sense
+from softcal.twin.time_settings import TimeSettings
 
 HEAVY = (2.0, 0.0, -9.81)
 CABLES = (side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05)))
@@ -172,6 +176,59 @@ def test_the_static_gain_is_exact(case: str) -> None:
     size = np.maximum(np.abs(exact.values[:, columns]).max(axis=1, initial=0.0), 1e-12)[:, None]
     np.testing.assert_allclose(found.static_gain / size, exact.values[:, columns] / size, atol=1e-8)
     assert found.static_error < 1e-8
+
+
+SHAPED = SolidRod(length=0.1, diameter=0.03, layers=4)
+BAR = Body(
+    "bar", SHAPED.mesh(), SHAPED.mesh().node_sets["start"], elastic(0.4e6, 0.43), density=1100.0,
+    shape=PrimitiveShape(SHAPED),
+)  # fmt: skip
+CASES_OF_RATES = CASES | {
+    "shape": (
+        Robot(
+            (BAR,),
+            (Plate("plate", {"bar": SHAPED.mesh().node_sets["end"]}, np.array([0.0, 0.0, 0.1]), 0.05),),
+            gravity=np.array([0.0, 1.0, -9.81]),
+        ),
+        {},
+        {},
+    )
+}
+
+
+@pytest.mark.parametrize("case", CASES_OF_RATES)
+def test_rates_of_frequencies_and_poles_are_their_differences_at_other_values(case: str) -> None:
+    """Along the equilibria at the same commands: these move, and constraints turn."""
+    robot, controls, commands = CASES_OF_RATES[case]
+    settings = TimeSettings(rayleigh_stiffness=2e-5, rayleigh_mass=0.5)
+    kinds = ("youngs_modulus", "poissons_ratio", "density", "mass", "diameter", "length")
+    known = robot_parameters(robot)
+    names = [name for name in known if name.rpartition(".")[2] in kinds and known[name].value]
+    found = softcal.linearise(robot, commands, controls=controls, modes=3, settings=settings, parameters=names)
+    for k, name in enumerate(names):
+        step = 3e-5 * known[name].value  # two modes of the chamber are near to each other
+        before, after = (
+            softcal.linearise(
+                robot, commands, controls=controls, modes=3, settings=settings, theta={name: known[name].value + sign}
+            )
+            for sign in (-step, step)
+        )
+        expected = (after.frequencies - before.frequencies) / (2.0 * step)
+        largest = np.abs(expected).max() + 1e-9 * found.frequencies.max() / step
+        np.testing.assert_allclose(found.frequency_rates[:, k], expected, atol=1e-5 * largest)
+        poles = (after.poles - before.poles) / (2.0 * step)
+        slowest = slice(0, 4)  # those of two modes; poles at other values lack what the modes left out do to them
+        largest = np.abs(poles[slowest]).max() + 1e-9 * np.abs(found.poles[slowest]).max() / step
+        np.testing.assert_allclose(found.pole_rates[slowest, k], poles[slowest], atol=3e-4 * largest)
+
+
+def test_a_live_twin_has_the_masses_of_its_values() -> None:
+    robot, controls, commands = CASES["P2P1"]
+    (density,) = (name for name in robot_parameters(robot) if name.endswith(".density"))
+    values = {density: 2000.0}
+    live = softcal.LiveTwin(robot, controls, values).at(commands).linearised(3)
+    stated = softcal.LiveTwin(with_parameters(robot, values), controls).at(commands).linearised(3)
+    np.testing.assert_allclose(live.frequencies, stated.frequencies, rtol=1e-9)
 
 
 @pytest.mark.parametrize("damping", ["strain", "tangent"])

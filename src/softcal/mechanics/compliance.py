@@ -7,7 +7,8 @@ path with the rates dz of the unknowns
     dc = 2 dg^T w - w^T dK w,
 
 the change of 2 g^T w - w^T K w with w as it is. Assembled at two states beside the equilibrium, without another
-factorisation, the difference is off by the square of `BESIDE`, and by rounding over `BESIDE`: some 1e-9 of dc.
+factorisation, the difference is off by the square of their distance (`small_motions.BESIDE`), and by rounding over
+that: some 1e-9 of dc.
 K is symmetric for this: without friction or dead moments.
 """
 
@@ -19,12 +20,10 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.small_motions import require_linear
-from softcal.mechanics.state import State, moved
+from softcal.mechanics.small_motions import rates_along, require_linear
+from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
-
-BESIDE = 1e-5  # of the robot's extent
 
 
 def compliances(
@@ -56,16 +55,11 @@ def compliances(
     w = statics.solve(g)
     w[system.layout.first_effort_unknown :][controls.is_held] = 0.0
 
-    def beside(dz: Floats) -> Floats:
-        """2 g^T w - w^T K w (n,) at the state after a step."""
-        there = moved(system.layout, state, dz)
+    def energy(there: State) -> Floats:
+        """2 g^T w - w^T K w (n,) at a state."""
         own = replace(controls, effort=np.where(controls.is_held, there.effort, controls.effort))
         stiff = system.tangent_times(system.linearise(there, own, statics.theta), w)
         return np.einsum("nk,nk->k", 2.0 * loads(there) - stiff, w)
 
-    rates = np.zeros((g.shape[1], ways.shape[1]))
-    for k, way in enumerate(ways.T):
-        if (size := statics.reach(way)) > 0.0:
-            step = BESIDE * statics.length / size
-            rates[:, k] = (beside(step * way) - beside(-step * way)) / (2.0 * step)
-    return np.einsum("nk,nk->k", g, w), rates
+    rates = [rates_along(energy, statics, state, way) for way in ways.T]
+    return np.einsum("nk,nk->k", g, w), np.reshape(rates, (-1, g.shape[1])).T

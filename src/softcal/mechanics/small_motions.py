@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -29,13 +30,14 @@ from softcal.mechanics.free_modes import exclude_free_modes
 from softcal.mechanics.inertia import Inertia, Rates
 from softcal.mechanics.linearisation import Linearisation
 from softcal.mechanics.march import by_command
-from softcal.mechanics.state import State
+from softcal.mechanics.state import State, moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import System
-from softcal.mechanics.term import Controls
+from softcal.mechanics.term import Controls, Theta
 from softcal.mechanics.time_step import at_rest, in_step
 
 SHORT = 1e-6  # [s]: a step in whose tangent nothing of the damping is lost by rounding
+BESIDE = 1e-5  # of the robot's extent: on either side for a derivative along a path
 NEW = 1e-9  # of a static response: what the basis has of it already up to that is rounding
 MASSLESS = 1e-15  # of the largest 1 / omega^2
 MOST_SHARE = 4  # unknowns for each mode, at least
@@ -61,6 +63,9 @@ class SmallMotions:
         C [1/s] and K [1/s^2] (k, k).
     inputs
         B (k, n_inputs).
+    wider
+        The basis with its responses to its damping's forces (n_unknowns, at most 2 k): with these, damped motions are
+        right to second order, and so are the derivatives of their poles.
     """
 
     basis: Floats
@@ -70,6 +75,7 @@ class SmallMotions:
     damping: Floats
     stiffness: Floats
     inputs: Floats
+    wider: Floats
 
 
 def small_motions(
@@ -141,16 +147,98 @@ def small_motions(
     shares, turn = shares[::-1], turn[:, ::-1]
     basis = (basis @ turn) / np.sqrt(shares)
     columns = [-system.gradient_by_effort(state, i, controls, statics.theta) for i in inputs.tolist()]
-    damped = damping_tangent(statics, inertia, damping, at, state)
+    damped = damping_tangent(system, statics.theta, inertia, damping, at, state)
+    forces = system.tangent_times(damped, basis)
+    yielding = statics.solve(forces)
+    yielding[n:][controls.is_held] = 0.0
     return SmallMotions(
         basis,
         1.0 / np.sqrt(values[:n_modes]),
         errors[:n_modes],
         float(1.0 / np.sqrt(values[n_modes])),
-        basis.T @ system.tangent_times(damped, basis) + damping.mass * np.eye(len(shares)),
+        basis.T @ forces + damping.mass * np.eye(len(shares)),
         np.diag(1.0 / shares),
         basis.T @ np.array(columns).T.reshape(len(basis), len(columns)),
+        _orthonormal(np.concatenate([basis, yielding], axis=1), stiff),
     )
+
+
+def poles_of(mass: Floats, damping: Floats, stiffness: Floats) -> tuple[Any, Any]:
+    """The roots of lambda^2 M + lambda C + K (2 k,), complex [1/s], the slowest first, and their vectors (k, 2 k).
+
+    Parameters
+    ----------
+    mass, damping, stiffness
+        M, C and K (k, k).
+    """
+    k = len(mass)
+    rates = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    values, states = np.linalg.eig(np.vstack([np.eye(k, 2 * k, k), rates]))
+    order = np.lexsort([np.imag(values), np.abs(values)])
+    return values[order], states[:k, order]
+
+
+def pole_rates(matrices: Floats, rates: Floats) -> tuple[Any, Any]:
+    """The poles (2 k,) of M, C and K (3, k, k), and their derivatives (2 k, n) by those of the matrices (n, 3, k, k).
+
+    By lambda^2 M + lambda C + K at its root's vector x, and its symmetry, of a simple root:
+
+        d lambda = - x^T (lambda^2 dM + lambda dC + dK) x / (x^T (2 lambda M + C) x)
+    """
+    poles, x = poles_of(*matrices)
+    powers = np.array([poles**2, poles, np.ones_like(poles)])
+    change = np.einsum("im,nsij,jm,sm->mn", x, rates, x, powers, optimize=True)
+    slope = np.einsum("im,sij,jm,sm->m", x, matrices[:2], x, np.array([2.0 * poles, np.ones_like(poles)]))
+    return poles, -change / slope[:, None]
+
+
+def galerkin(
+    system: System, theta: Theta, inertia: Inertia, damping: Damping, state: State, controls: Controls, basis: Floats
+) -> Floats:
+    """M, C and K in a basis of the unknowns (3, k, k).
+
+    Parameters
+    ----------
+    system, theta
+        The discretised robot, and its parameters.
+    inertia, damping
+        Its mass and damping.
+    state, controls
+        The equilibrium.
+    basis
+        Motions of the unknowns (n_unknowns, k).
+
+    Raises
+    ------
+    SimulationError
+        Where the state is inadmissible.
+    """
+    own = replace(controls, effort=np.where(controls.is_held, state.effort, controls.effort))
+    at = system.linearise(state, own, theta)
+    each = (mass_tangent(system, inertia, state), damping_tangent(system, theta, inertia, damping, at, state), at)
+    mass, damped, stiff = (basis.T @ system.tangent_times(one, basis) for one in each)
+    return np.array([mass, damped + damping.mass * mass, stiff])
+
+
+def rates_along(of: Callable[[State], Floats], statics: Statics, state: State, way: Floats) -> Floats:
+    """The derivative of what follows from a state along a way of the unknowns, by a central difference.
+
+    Parameters
+    ----------
+    of
+        From a state to an array.
+    statics
+        The system at its parameters.
+    state
+        The equilibrium.
+    way
+        Rates of the unknowns (n_unknowns,).
+    """
+    if (size := statics.reach(way)) == 0.0:
+        return np.zeros_like(of(state))
+    step = BESIDE * statics.length / size
+    before, after = (of(moved(statics.system.layout, state, sign * step * way)) for sign in (-1.0, 1.0))
+    return (after - before) / (2.0 * step)
 
 
 def mass_tangent(system: System, inertia: Inertia, state: State) -> Linearisation:
@@ -175,14 +263,14 @@ def mass_tangent(system: System, inertia: Inertia, state: State) -> Linearisatio
 
 
 def damping_tangent(
-    statics: Statics, inertia: Inertia, damping: Damping, at: Linearisation, state: State
+    system: System, theta: Theta, inertia: Inertia, damping: Damping, at: Linearisation, state: State
 ) -> Linearisation:
     """C of the strains' damping at a state at rest, in place of the tangent [N s/m]; damping by mass is not in it.
 
     Parameters
     ----------
-    statics
-        The system at its parameters.
+    system, theta
+        The discretised robot, and its parameters.
     inertia
         Its mass.
     damping
@@ -197,9 +285,9 @@ def damping_tangent(
     SimulationError
         Where the state is inadmissible.
     """
-    stepped = in_step(statics.system, inertia, damping, SHORT, at_rest(state), statics.theta)
+    stepped = in_step(system, inertia, damping, SHORT, at_rest(state), theta)
     massless = replace(stepped, terms=stepped.terms[:-1])
-    after = massless.linearise(state, at.controls, statics.theta)
+    after = massless.linearise(state, at.controls, theta)
     if after.data is None or at.data is None:
         raise SimulationError(f"There is no tangent: {after.why_not}.")
     return Linearisation(at.controls, (), data=SHORT * (after.data - at.data))

@@ -14,6 +14,7 @@ from softcal.checks import Floats, ReadOnly
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, StorageError
+from softcal.mechanics.small_motions import poles_of
 from softcal.regular_file import write_whole
 
 
@@ -52,6 +53,12 @@ class LinearSystem(ReadOnly):
         B (k, n_inputs), C_y (n_channels, k) and D (n_channels, n_inputs).
     static_error
         Largest error of the static gain against the exact derivatives of the twin, each over the channel's largest.
+    parameters
+        Parameters of the robot by which there are derivatives (n_parameters,).
+    frequency_rates
+        Derivatives of the frequencies (n_modes, n_parameters) [Hz per SI unit of the parameter], at the same commands.
+    pole_rates
+        Derivatives of the poles (2 k, n_parameters), complex [1/s per SI unit of the parameter].
     """
 
     commands: Mapping[str, float]
@@ -70,6 +77,9 @@ class LinearSystem(ReadOnly):
     output_matrix: Floats
     feedthrough: Floats
     static_error: float
+    parameters: tuple[str, ...]
+    frequency_rates: Floats
+    pole_rates: Any
 
     @property
     def static_gain(self) -> Floats:
@@ -89,8 +99,7 @@ class LinearSystem(ReadOnly):
     @property
     def poles(self) -> Any:
         """Eigenvalues of A (2 k,), complex [1/s], the slowest first."""
-        poles = np.linalg.eigvals(self.state_matrices[0])
-        return poles[np.lexsort([poles.imag, np.abs(poles)])]
+        return poles_of(self.mass, self.damping, self.stiffness)[0]
 
     @property
     def state_space(self) -> Any:
@@ -111,7 +120,8 @@ class LinearSystem(ReadOnly):
         target = Path(path).with_suffix(".npz")
         arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
         arrays |= dict(zip("ABCD", self.state_matrices, strict=True))
-        arrays |= {"inputs": np.array(self.inputs, dtype=str), "channels": np.array(self.channels, dtype=str)}
+        names = {"inputs": self.inputs, "channels": self.channels, "parameters": self.parameters}
+        arrays |= {name: np.array(each, dtype=str) for name, each in names.items()}
         arrays["channel_units"] = np.array([self.units[name] for name in self.channels])
         arrays["input_units"] = np.array([self.units[name] for name in self.inputs], dtype=str)
         arrays["values"] = np.array([self.values[name] for name in self.channels])
@@ -138,4 +148,6 @@ ARRAYS = (
     "output_matrix",
     "feedthrough",
     "static_error",
+    "frequency_rates",
+    "pole_rates",
 )

@@ -19,9 +19,10 @@ from softcal.limits import LIMITS
 from softcal.mechanics.actuator import ActuatorLimits
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.compliance import compliances
+from softcal.mechanics.inertia import Inertia
 from softcal.mechanics.march import Reached, Target, by_command
 from softcal.mechanics.node import by_parameters
-from softcal.mechanics.small_motions import small_motions
+from softcal.mechanics.small_motions import galerkin, pole_rates, poles_of, rates_along, small_motions
 from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
@@ -34,7 +35,7 @@ from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
 from softcal.twin.linear_system import LinearSystem
 from softcal.twin.masses import no_mass, robot_inertia
-from softcal.twin.parameters import parameter_values, robot_parameters, unknown_name, with_shape
+from softcal.twin.parameters import parameter_values, robot_parameters, unknown_name, with_parameters, with_shape
 from softcal.twin.protocol import Command, Protocol, command_faults, controls_at
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Control, Robot
@@ -45,6 +46,7 @@ from softcal.twin.time_settings import TimeSettings
 from softcal.units import format_quantity
 
 DEFAULT = TimeSettings()
+PARAMETER_STEP = 1e-6  # of a value, on either side for derivatives of M, C and K
 
 
 @runtime_checkable
@@ -227,7 +229,12 @@ class LiveState:
         return self._place.crossed().strip()
 
     @checked_arguments
-    def linearised(self, modes: Annotated[int, LIMITS["modes"]] = 6, settings: TimeSettings = DEFAULT) -> LinearSystem:
+    def linearised(
+        self,
+        modes: Annotated[int, LIMITS["modes"]] = 6,
+        settings: TimeSettings = DEFAULT,
+        parameters: Sequence[str] = (),
+    ) -> LinearSystem:
         """The linear system of small motions about this equilibrium; see `softcal.linearise`.
 
         Parameters
@@ -236,17 +243,19 @@ class LiveState:
             Number of modes, beside which the static response to each input is exact.
         settings
             Settings of the time integration, of which the damping and the choice of the mass matrix count.
+        parameters
+            Parameters of the robot by which M, C, K and the poles get derivatives.
 
         Raises
         ------
         ParameterError
-            For too many modes, or a robot without mass.
+            For too many modes, a robot without mass, or a parameter that it does not have.
         SimulationError
             Where the commands were not reached, or there is no linear form: friction, memory, an unstable equilibrium.
         """
         if not self.succeeded:
             raise SimulationError(self.status)
-        return self._place.linearised(self, modes, settings)
+        return self._place.linearised(self, modes, settings, tuple(parameters))
 
     @cached_property
     def shape(self) -> Snapshot:
@@ -618,10 +627,21 @@ class _Place(_InOneProcess):
         return self._jacobian(names, sense_rates(self.twin, self.state, statics.theta, dz, names, own))
 
     @_in_turn
-    def linearised(self, at: LiveState, n_modes: int, settings: TimeSettings) -> LinearSystem:
+    def linearised(
+        self, at: LiveState, n_modes: int, settings: TimeSettings, parameters: tuple[str, ...]
+    ) -> LinearSystem:
         twin, statics, now, target = self.twin, self._steps.statics, self.reached.controls, self.aim.controls
-        system, n = twin.system, twin.system.layout.first_effort_unknown
-        inertia = robot_inertia(twin, twin.robot, settings.masses)
+        system, n, theta = twin.system, twin.system.layout.first_effort_unknown, statics.theta
+        known = robot_parameters(twin.robot)
+        if faults := [unknown_name(name, known) for name in parameters if name not in known]:
+            raise ParameterError(faults)
+
+        def inertia_of(one: Twin, values: Mapping[str, float]) -> Inertia:
+            """That of a twin: its robot has the values of its shape, but not these."""
+            own = {name: values[name] for name, info in robot_parameters(one.robot).items() if not info.shapes}
+            return robot_inertia(one, with_parameters(one.robot, own), settings.masses)
+
+        inertia = inertia_of(twin, theta)
         if inertia.is_none:
             raise ParameterError(no_mass(twin.robot))
         driven = [part for part in twin.robot.commandable if target.is_held[system.number(part.name)]]
@@ -635,6 +655,33 @@ class _Place(_InOneProcess):
             for dz in (motions.basis, alone)
         )
         exact = self.by_commands()
+        k = motions.wider.shape[1]
+        rates = np.zeros((len(parameters), 3, k, k))
+        ways = by_parameters(statics, self.state, now, parameters)  # with the factors of `by_commands`
+
+        def matrices(one: Twin, there: State, values: Mapping[str, float]) -> Floats:
+            own = inertia_of(one, values)
+            return galerkin(one.system, values, own, settings.rayleigh, there, now, motions.wider)
+
+        for k, name in enumerate(parameters):
+            rates[k] = rates_along(lambda there: matrices(twin, there, theta), statics, self.state, ways[:, k])
+            if name in system.neighbours:
+                rates[k] += system.neighbours[name].rate(lambda one, there: matrices(one, there, theta), self.state)
+                continue
+            step = PARAMETER_STEP * (abs(theta[name]) or 1.0)
+            before, after = (
+                matrices(twin, self.state, {**theta, name: theta[name] + sign * step}) for sign in (-1.0, 1.0)
+            )
+            rates[k] += (after - before) / (2.0 * step)
+        M, C, K = matrices(twin, self.state, theta)
+
+        def rates_of(wanted: Any, damping: Floats, of: Floats) -> Any:
+            """Derivatives of the poles nearest to these."""
+            poles, slopes = pole_rates(np.array([M, damping, K]), of)
+            return slopes[np.abs(poles - wanted[:, None]).argmin(axis=1)]
+
+        undamped = rates_of(1j * motions.frequencies, 0.0 * C, rates * np.array([1.0, 0.0, 1.0])[:, None, None])
+        reduced = poles_of(np.eye(len(motions.stiffness)), motions.damping, motions.stiffness)[0]
         columns = [exact.names.index(name) for name in inputs]
         gain = outputs @ np.linalg.solve(motions.stiffness, motions.inputs) + direct
         largest = np.abs(exact.values[:, columns]).max(axis=1, initial=0.0)
@@ -657,6 +704,9 @@ class _Place(_InOneProcess):
             output_matrix=outputs,
             feedthrough=direct,
             static_error=float(np.max(off / np.where(largest > 0.0, largest, 1.0), initial=0.0)),
+            parameters=parameters,
+            frequency_rates=np.imag(undamped) / (2.0 * np.pi),
+            pole_rates=rates_of(reduced, C, rates),
         )
 
     def shape(self, commands: Mapping[str, float]) -> Snapshot:

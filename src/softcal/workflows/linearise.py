@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +32,7 @@ def linearise(
     modes: Annotated[int, LIMITS["modes"]] = 6,
     settings: TimeSettings | None = None,
     theta: Mapping[str, float] | None = None,
+    parameters: Sequence[str] = (),
     out: str | Path | None = None,
 ) -> LinearSystem:
     """The linear system of small motions about an equilibrium: M, C, K, inputs and outputs in a few modes.
@@ -54,6 +55,8 @@ def linearise(
         project's `dynamics`.
     theta
         Values of robot parameters by dotted name [SI], replacing the robot's own.
+    parameters
+        Parameters of the robot by which M, C, K, the frequencies and the poles get derivatives.
     out
         A new folder for the system as `.npz` and JSON, and its modes as CSV.
 
@@ -75,7 +78,7 @@ def linearise(
     if settings is None:
         settings = project.dynamics if isinstance(project, Project) else TimeSettings()
     live = LiveTwin(with_parameters(robot, theta or {}), controls)
-    found = live.at(dict(commands or {})).linearised(modes, settings)
+    found = live.at(dict(commands or {})).linearised(modes, settings, parameters)
     if out is not None:
         _write(found, project, Path(out))
     return found
@@ -109,6 +112,7 @@ def _write(found: LinearSystem, project: Project | Robot, folder: Path) -> None:
         "units": dict(found.units),
         "inputs": list(found.inputs),
         "channels": list(found.channels),
+        "parameters": list(found.parameters),
         "system": {name: one if isinstance(one, float) else one.tolist() for name, one in entries.items()},
         "sentences": linear_sentences(found),
         "hashes": dict(project.hashes) if isinstance(project, Project) else {},

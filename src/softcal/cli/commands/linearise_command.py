@@ -12,7 +12,7 @@ from softcal.cli.printing import echo, print_table, print_warnings, shown_path
 from softcal.cli.values import Source, Values, parsed_values
 
 
-@register_command("plan", 3)
+@register_command("plan", 4)
 def linearise(
     source: Source,
     at: Annotated[
@@ -25,6 +25,15 @@ def linearise(
         ),
     ] = None,
     modes: Annotated[int, typer.Option(metavar="N", help="Number of modes.")] = 6,
+    by: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PARAMETER",
+            help="A parameter of the robot by which the frequencies get derivatives, such as neck.youngs_modulus; "
+            "repeat for several.",
+            show_default=False,
+        ),
+    ] = None,
     values: Values = None,
     out: Annotated[
         Path | None,
@@ -37,6 +46,7 @@ def linearise(
     """
     from rich.table import Table
 
+    from softcal.twin.parameters import robot_parameters
     from softcal.units import format_quantity
     from softcal.workflows.cases import parse_pulls
     from softcal.workflows.linearise import linear_sentences
@@ -48,10 +58,18 @@ def linearise(
     given = parse_pulls(project.robot, at or (), "--at").commands
     commands = {name: float(command.values[-1]) for name, command in given.items()}
     controls = {name: command.control for name, command in given.items()}
-    found = find(project, commands, controls=controls, modes=modes, out=out)
-    table = Table("mode", "frequency", "damping ratio")
-    for k, (frequency, ratio) in enumerate(zip(found.frequencies, found.damping_ratios, strict=True), start=1):
-        table.add_row(str(k), format_quantity(float(frequency), "Hz", digits=4), f"{ratio:.3g}")
+    found = find(project, commands, controls=controls, modes=modes, parameters=by or (), out=out)
+    known = robot_parameters(project.robot)
+    changes, heads = list[float](), list[str]()
+    for name in found.parameters:
+        value, unit = known[name].value, known[name].quantity.unit
+        changes.append(0.01 * value if value else 1.0)
+        heads.append(f"by +1 % of {name}" if value else f"per {unit} of {name}")
+    table = Table("mode", "frequency", "damping ratio", *heads)
+    each = zip(found.frequencies, found.damping_ratios, found.frequency_rates * changes, strict=True)
+    for k, (frequency, ratio, rates) in enumerate(each, start=1):
+        shown = [format_quantity(rate, "Hz", digits=3) for rate in rates.tolist()]
+        table.add_row(str(k), format_quantity(float(frequency), "Hz", digits=4), f"{ratio:.3g}", *shown)
     print_table(table)
     echo(f"Inputs: {', '.join(found.inputs)}." if found.inputs else "No inputs.")
     for sentence in linear_sentences(found):

@@ -136,7 +136,7 @@ def test_limits_that_leave_no_state_are_answered(project: Path, capsys: pytest.C
     options = ("--of", "plate.pitch", "--limit", "tension=0N..5N", "--limit", "plate.z=10m..11m")
     code, _, told = run(capsys, "workspace", project, *options)
     assert code in (1, 2)
-    assert "Only 0 of 64 commands have a state within the limits" in told or "plausible" in told
+    assert "Only 0 of 34 commands have a state within the limits" in told or "plausible" in told
 
 
 def test_what_leaves_no_workspace_is_answered() -> None:

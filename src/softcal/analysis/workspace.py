@@ -333,10 +333,8 @@ class _Search:
         shares = np.unique(np.concatenate([shares, np.reshape(corners, (-1, m))]), axis=0)
         at = [state for state in self.sampled(shares) if state is not None]
         if len(at) < k + 2:
-            told = (
-                f"Only {len(at)} of {n_of(len(shares), 'command')} have a state within the limits; {k + 2} are needed."
-            )
-            told += " Try more states, or wider limits."
+            tried = n_of(len(shares), "command")
+            told = f"Only {len(at)} of {tried} have a state within the limits; {k + 2} are needed. Try more states."
             why = "; ".join(f"{count} times: {text}" for text, count in self.refused.items())
             raise SimulationError(f"{told} {why}".rstrip())
         states = [self.described(state) for state in at]
@@ -346,10 +344,8 @@ class _Search:
             raise SimulationError(f"The same at all commands: {still}. The workspace has no extent there.")
         self.widest = float(np.max(spans / self.extent))
         if k > 1 and all(state.mobility[-1] <= SINGULAR * self.widest for state in states):
-            raise SimulationError(
-                f"At all commands that were tried {', '.join(self.channels)} depend on each other, and the robot loses a "
-                f"direction: together they have no {WIDTH[k]}. Try fewer of them, or other limits."
-            )
+            together = f"{', '.join(self.channels)} depend on each other, and the robot loses a direction"
+            raise SimulationError(f"At all commands {together}: they have no {WIDTH[k]}. Try fewer, or other limits.")
         every, pushed = states.copy(), set[int]()
         for _ in range(ROUNDS):
             normals = outward_normals(self.places(every) / spans)

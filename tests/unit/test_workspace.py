@@ -14,6 +14,7 @@ import pytest
 from command_line import run
 from project_case import write_project
 from scipy.spatial import ConvexHull
+from soft_robots import TENTACLE
 
 import softcal
 from softcal.analysis.workspace import (
@@ -135,7 +136,37 @@ def test_limits_that_leave_no_state_are_answered(project: Path, capsys: pytest.C
     options = ("--of", "plate.pitch", "--limit", "tension=0N..5N", "--limit", "plate.z=10m..11m")
     code, _, told = run(capsys, "workspace", project, *options)
     assert code in (1, 2)
-    assert "Only 0 of 64 commands have a state within the limits" in told or "plausible" in told
+    assert "Only 0 of 34 commands have a state within the limits" in told or "plausible" in told
+
+
+def test_what_leaves_no_workspace_is_answered() -> None:
+    limits = {"tension": (0.0, 1.0)}
+    with pytest.raises(softcal.SimulationError, match=r"Only 1 of 1 command .* 3 are needed\. Try more states"):
+        softcal.workspace(TENTACLE, ["tip.x"], limits=limits, states=1)
+    with pytest.raises(softcal.SimulationError, match=r"The same at all commands: tip\.x\."):
+        softcal.workspace(TENTACLE, ["tip.x"], limits={"tension": (1.0, 1.0)}, states=8)
+    front, *others = TENTACLE.cables
+    twins = replace(TENTACLE, cables=(front, replace(front, name="twin"), *others))
+    by = {"front": "tension", "twin": "tension"}
+    with pytest.raises(softcal.SimulationError, match=r"tip\.x, tip\.z depend on each other.* no area"):
+        softcal.workspace(twins, ["tip.x", "tip.z"], controls=by, limits=limits, states=8)
+
+
+def test_a_command_may_be_fixed() -> None:
+    limits = {"front.tension": (1.0, 1.0), "left.tension": (0.0, 1.0), "right.tension": (0.0, 1.0)}
+    found = softcal.workspace(TENTACLE, ["tip.x", "tip.y"], limits=limits, states=16)
+    assert {state.commands["front.tension"] for state in found.states} == {1.0}
+    assert np.isfinite(found.size)
+    assert found.size > 0.0
+
+
+def test_a_large_mobility_near_buckling_makes_no_other_pose_singular() -> None:
+    states = tuple(WorkspaceState({"a.tension": x}, {"tip.x": x}, (mobility,), {}) for x, mobility in
+                   ((0.0, 0.05), (0.01, 0.06), (0.02, 5e4)))  # fmt: skip
+    units, ranges = {"tip.x": "m", "a.tension": "N"}, {"a.tension": (0.0, 0.02)}
+    found = Workspace(("tip.x",), units, ranges, states, (0, 2), ((0, 1), (1, 2)), (), states[0], {}, 0, "", {}, 0.2, 1)
+    assert found.lost == pytest.approx(2e-4)
+    assert "the mobility in the worst direction is 0.05 at least, at a.tension 0 N." in workspace_sentences(found)[-1]
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])
@@ -151,7 +182,7 @@ def test_its_figure_says_what_it_shows(k: int) -> None:
     simplices = tuple(tuple(each) for each in alpha_shape(places / np.ptp(places, axis=0)).tolist())
     units = dict(zip(("tip.x", "tip.z", "tip.pitch"), ("m", "m", "rad"), strict=True)) | {"front.tension": "N"}
     ranges = {"front.tension": (0.0, 2.0)}
-    found = Workspace(names, units, ranges, states, (0, 1), simplices, states[:1], states[0], {}, 0, "", {}, 1.0)
+    found = Workspace(names, units, ranges, states, (0, 1), simplices, states[:1], states[0], {}, 0, "", {}, 1.0, 1.0)
     figure = draw_workspace(found)
     assert len([axes for axes in figure.axes if axes.get_xlabel()]) == {1: 2, 2: 2, 3: 3}[k]
     caption = workspace_caption(found)

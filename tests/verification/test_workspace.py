@@ -10,7 +10,7 @@ from matplotlib.path import Path as Outline
 from soft_robots import COLUMN, ROUGH, TENDONS, TENTACLE
 
 import softcal
-from softcal.analysis.workspace import Workspace, workspace_sentences
+from softcal.analysis.workspace import FOLD, Workspace, workspace_sentences
 from softcal.geometry.centreline import straight
 from softcal.geometry.obstacle import HalfSpace
 from softcal.geometry.section import RoundBar
@@ -113,6 +113,21 @@ def test_a_fold_ends_it_and_is_a_singular_pose() -> None:
     beside = softcal.workspace(DRIVEN, channel, controls=by, limits={"angle": (0.5 * most, most)})
     assert not beside.singular
     assert "No singular pose" in " ".join(workspace_sentences(beside))
+
+
+@pytest.mark.parametrize("states", [3, 4, 6])
+def test_few_states_end_at_the_fold_as_well(states: int) -> None:
+    # The drive pulls to both sides: its torque has no limit that nobody stated.
+    most, by = np.radians(40.0), {"servo": "angle"}
+    found = softcal.workspace(DRIVEN, ["tip.z"], controls=by, limits={"angle": (-most, most)}, states=states)
+    straight_up = LiveTwin(DRIVEN, by).at({"servo": 0.0}).channels["tip.z"]
+    assert found.places.max() == pytest.approx(straight_up, abs=1e-6)
+    assert [found.states[k].limits for k in found.border if found.places[k] > 0.099] == [(FOLD,)]
+    assert all("torque" not in limit for k in found.border for limit in found.states[k].limits)
+    told = " ".join(workspace_sentences(found))
+    assert "a singular pose, no limit (1)" in told
+    assert "No singular pose" not in told
+    assert found.least.mobility[-1] == min(state.mobility[-1] for state in (*found.states, found.least))
 
 
 def test_limits_of_channels_and_obstacles_cut_it() -> None:

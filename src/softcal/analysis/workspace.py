@@ -12,17 +12,18 @@ passes through itself or has no equilibrium, and these are counted by their reas
 *Shape* (`alpha_shape`). The simplices of the states' Delaunay triangulation with a circumscribed sphere below the least
 radius for which they are one piece that has every state (an alpha shape): it may have bays and holes.
 
-*Border* (`_Search.pushed`). From every state on the outside of that shape the search of `reach` goes for a place a step
-further outward along the normal, and on while it reaches it. It ends where no commands near these come closer: the
-gradient of the distance is a combination of those of the active limits, which are named; or before an instability.
-So every point of the border is an equilibrium and a local end. The shape with these points is the workspace, flat
-between them.
+*Border* (`_Search.pushed`). From every state on the outside of that shape the search of `reach` goes for a place a
+step further outward along the normal, and on by twice the step while it reaches it. It ends where no commands near
+these come closer: the gradient of the distance is a combination of those of the active limits, which are named; or
+before an instability. So every point of the border is an equilibrium and a local end. The shape with these points is
+the workspace, flat between them.
 
 *Mobility.* The derivatives of the channels by the commands, lengths over the robot's extent, commands over their
 range, have the singular values s_1 >= .. >= s_k: the part of its extent, or of one radian, by which the robot moves
 when commands change by their whole range, to first order, in the best and the worst direction. Their product is the
-manipulability (Yoshikawa 1985). A pose is singular where s_k is below `SINGULAR` of the largest s_1 of all states: to
-first order no change of the commands moves the robot in one direction.
+manipulability (Yoshikawa 1985). A pose is singular where s_k is below `SINGULAR` of the widest span of a channel (s_1
+has no bound: it grows without end where the robot comes near buckling): to first order no change of the commands moves
+the robot in one direction.
 
 *Singular poses* (`_Search.singular`). From states whose s_k is below `LOW` of that and smaller than their neighbours'
 in the space of commands, s_k is minimised by a simplex (Nelder and Mead) within the limits.
@@ -39,7 +40,7 @@ from itertools import product
 
 import numpy as np
 
-from softcal.analysis.reach import ReachTask, reach_from, why_ended
+from softcal.analysis.reach import KINK, ReachTask, reach_from, why_ended
 from softcal.checks import Floats, Ints
 from softcal.declare import Checked
 from softcal.display import displayed
@@ -50,13 +51,14 @@ from softcal.twin.live import LiveState, LiveTwin
 from softcal.units import format_quantity, plain
 
 STATES: Mapping[int, int] = {1: 64, 2: 256, 3: 512}  # by the number of channels
-SINGULAR = 1e-3  # of the largest mobility: a smaller one is none
-LOW = 0.25  # of the largest mobility: from states with less singular poses are sought
+SINGULAR = 1e-3  # of the widest span of a channel: a smaller mobility is none
+LOW = 0.25  # of that span: from states with less singular poses are sought
 STARTS, EVALUATIONS = 4, 60  # of these minimisations
-STEP, PUSHES = 0.1, 10  # outward from a state: of what the states span, and how often
+STEP, PUSHES = 0.1, 10  # outward from a state: of what the states span, doubled each time, and how often
 CLOSE = 1e-4  # of that: where a place outward counts as reached
 ROOM = 2.0  # over the least radius of the shape: with less, gaps between the states look like bays
 ROUNDS = 4  # of pushes outward, until all that is outside is an end
+FOLD = "a singular pose, no limit"
 WIDTH = {2: "area", 3: "volume"}
 NAMED = 6  # ends in the statement
 
@@ -125,6 +127,8 @@ class Workspace(Checked):
         Why there are no compliances, a sentence; "" where there are.
     values
         Calibrated parameter -> its value [SI], of a run.
+    widest
+        The widest span of a channel: a share of the robot's extent, or of one radian.
     wall_s
         Wall time [s].
     """
@@ -141,6 +145,7 @@ class Workspace(Checked):
     n_outside: int
     without_compliance: str
     values: Mapping[str, float]
+    widest: float
     wall_s: float
 
     @property
@@ -151,7 +156,7 @@ class Workspace(Checked):
     @property
     def lost(self) -> float:
         """The mobility [-] below which a direction counts as lost."""
-        return SINGULAR * max(state.mobility[0] for state in self.states)
+        return SINGULAR * self.widest
 
     @property
     def size(self) -> float:
@@ -209,8 +214,8 @@ def workspace_sentences(found: Workspace) -> list[str]:
         also = f", and so it does at {lost} of the {len(found.states)} states" if lost else ""
         told.append(f"At {n_of(n, 'pose')} the robot loses a direction{also}; the first: {at}.")
     else:
-        share = plain(SINGULAR * pose.mobility[-1] / found.lost, 2)
-        told.append(f"No singular pose: the least mobility is {share} of the largest, {at}.")
+        least = plain(pose.mobility[-1], 3)
+        told.append(f"No singular pose: the mobility in the worst direction is {least} at least, at {at}.")
     return [*told, found.without_compliance] if found.without_compliance else told
 
 
@@ -301,6 +306,7 @@ class _Search:
         if faults:
             raise ParameterError(faults)
         size = {"m": live.extent, "rad": 1.0}
+        self.width = np.where(self.upper > self.lower, self.upper - self.lower, 1.0)  # a fixed command has a share too
         self.extent = np.array([size.get(task.units[name], 1.0) for name in channels])
         self.stiff = [f"{name}{STIFFNESS}" for name in channels if f"{name}{STIFFNESS}" in live.stiffness_units]
         self.without = "" if self.stiff else "No force along these channels is defined, so they have no compliance."
@@ -327,13 +333,19 @@ class _Search:
         shares = np.unique(np.concatenate([shares, np.reshape(corners, (-1, m))]), axis=0)
         at = [state for state in self.sampled(shares) if state is not None]
         if len(at) < k + 2:
+            tried = n_of(len(shares), "command")
+            told = f"Only {len(at)} of {tried} have a state within the limits; {k + 2} are needed. Try more states."
             why = "; ".join(f"{count} times: {text}" for text, count in self.refused.items())
-            raise SimulationError(f"Only {len(at)} of {n} commands have a state within the limits. {why}".rstrip())
+            raise SimulationError(f"{told} {why}".rstrip())
         states = [self.described(state) for state in at]
         spans = np.ptp(self.places(states), axis=0)
         if not np.all(spans > 1e-9 * self.extent):
             still = ", ".join(np.array(self.channels)[spans <= 1e-9 * self.extent].tolist())
-            raise SimulationError(f"The commands do not move {still}: the workspace has no extent there.")
+            raise SimulationError(f"The same at all commands: {still}. The workspace has no extent there.")
+        self.widest = float(np.max(spans / self.extent))
+        if k > 1 and all(state.mobility[-1] <= SINGULAR * self.widest for state in states):
+            together = f"{', '.join(self.channels)} depend on each other, and the robot loses a direction"
+            raise SimulationError(f"At all commands {together}: they have no {WIDTH[k]}. Try fewer, or other limits.")
         every, pushed = states.copy(), set[int]()
         for _ in range(ROUNDS):
             normals = outward_normals(self.places(every) / spans)
@@ -342,7 +354,7 @@ class _Search:
                 self.progress("border", done, len(outside))
                 every.append(self.pushed(at[number], normal, spans))
             pushed |= outside.keys()
-        least, singular = self.singular(states)
+        least, singular = self.singular(every)
         return Workspace(
             channels=self.channels,
             units={name: self.task.units[name] for name in (*self.channels, *self.commands)},
@@ -356,6 +368,7 @@ class _Search:
             n_outside=self.n_outside,
             without_compliance=self.without,
             values=dict(self.values),
+            widest=self.widest,
             wall_s=time.perf_counter() - self.began,
         )
 
@@ -428,19 +441,22 @@ class _Search:
         tolerances, limits = self.task.tolerances.copy(), tuple[str, ...]()
         tolerances[self.columns] = CLOSE * spans
         task = replace(self.task, tolerances=tolerances)
-        for _ in range(PUSHES):
+        for push in range(PUSHES):
             y = np.array([state.channels[name] for name in self.channels])
             if self.live.remembers:
                 self.live.reset()
             elif self.live.state is not state:
                 self.live.return_to(state)
-            goal = dict(zip(self.channels, (y + STEP * spans * normal).tolist(), strict=True))
+            goal = dict(zip(self.channels, (y + STEP * 2**push * spans * normal).tolist(), strict=True))
             end = reach_from(self.live, task, goal, only_from_here=True)
             state, limits = self.live.state, end.active
             if end.outcome == "refused":
-                limits = (end.why,)
+                limits = (end.why.removeprefix("The way ends there: ").rstrip("."),)
             if end.outcome != "reached":
                 break
+        is_fold = not limits or KINK.rstrip(".") in limits
+        if is_fold and self.mobility(state)[-1] <= SINGULAR * self.widest:
+            limits = (FOLD,)
         return self.described(state, limits)
 
     def singular(self, states: Sequence[WorkspaceState]) -> tuple[WorkspaceState, tuple[WorkspaceState, ...]]:
@@ -449,11 +465,11 @@ class _Search:
         from scipy.spatial import KDTree
 
         commands = np.array([[*state.commands.values()] for state in states])
-        shares = (commands - self.lower) / (self.upper - self.lower)
+        shares = (commands - self.lower) / self.width
         worst, largest = (np.array([state.mobility[k] for state in states]) for k in (-1, 0))
         n = min(2 * shares.shape[1] + 1, len(states))
         near = KDTree(shares).query(shares, n)[1]
-        low = np.flatnonzero((worst <= worst[near].min(axis=1)) & (worst < LOW * largest.max()))
+        low = np.flatnonzero((worst <= worst[near].min(axis=1)) & (worst < LOW * self.widest))
         lowest = low[np.argsort(worst[low])][:STARTS].tolist()
         least, found = states[int(np.argmin(worst))], list[WorkspaceState]()
         for done, k in enumerate(lowest):
@@ -478,7 +494,7 @@ class _Search:
                 max(abs(a - b) for a, b in zip(end.channels.values(), one.channels.values(), strict=True))
                 for one in found
             ]
-            if end.mobility[-1] <= SINGULAR * largest.max() and min(apart, default=np.inf) > 1e-3 * self.extent.min():
+            if end.mobility[-1] <= SINGULAR * self.widest and min(apart, default=np.inf) > 1e-3 * self.extent.min():
                 found.append(end)
         return least, tuple(found)
 

@@ -239,10 +239,10 @@ def asked(  # noqa: PLR0913 (one argument for each option)
             faults.append(Fault("the limits contradict each other", f"limits.{key}", f"{low:g} to {high:g}"))
         found = numbers(key, "limits")
         lower[found], upper[found] = np.maximum(lower[found], low), np.minimum(upper[found], high)
-    efforts = [number[f"{one.name}.{one.effort}"] for one in live.actuators]
+    tensions = [number[f"{one.name}.tension"] for one in live.actuators if one.effort == "tension"]
     if pretension and (fault := QUANTITIES["tension"].fault(pretension, "pretension")):
         faults.append(fault)
-    lower[efforts] = np.maximum(lower[efforts], pretension)
+    lower[tensions] = np.maximum(lower[tensions], pretension)
     crossed = [k for k in np.flatnonzero(lower > upper).tolist() if not np.isnan(lower[k])]
     if crossed and not faults:
         for k in crossed:

@@ -112,6 +112,7 @@ FAULTS = {
     "an unknown channel": (["--of", "plate.pich"], "the robot has no such channel; got 'plate.pich'.*plate.pitch"),
     "one channel twice": (["--of", "plate.x,plate.x"], "this is no workspace"),
     "four channels": (["--of", "plate.x,plate.y,plate.z,plate.pitch"], "this is no workspace.*1 to 3 channels"),
+    "a tension": (["--of", "front.tension"], "this is neither a place nor an angle; got front.tension"),
     "no end": (["--of", "plate.x", "--limit", "tension=1N.."], "the range of the command has no end"),
     "limits the wrong way round": (
         ["--of", "plate.x", "--limit", "tension=5N..1N"],

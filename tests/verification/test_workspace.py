@@ -52,7 +52,9 @@ def outline_of(found: Workspace) -> Outline:
     return Outline(found.places[way])
 
 
-@pytest.mark.parametrize("channels", [("tip.x",), PLANE, ("tip.x", "tip.y", "tip.z")])
+@pytest.mark.parametrize(
+    "channels", [("tip.x",), PLANE, pytest.param(("tip.x", "tip.y", "tip.z"), marks=pytest.mark.slow)]
+)
 def test_small_motions_have_the_zonotope_of_their_derivatives(channels: tuple[str, ...]) -> None:
     # The image of a box by a linear map: a sum of segments, whose size is that of all its parallelotopes.
     most, live = 2e-3, LiveTwin(TENTACLE, "tension")
@@ -146,6 +148,7 @@ def test_limits_of_channels_and_obstacles_cut_it() -> None:
     assert "beyond another limit" not in " ".join(workspace_sentences(free))
 
 
+@pytest.mark.slow
 def test_a_column_ends_where_it_buckles() -> None:
     # All cables together compress it; Euler's load is an end that no limit states.
     found = softcal.workspace(COLUMN, ("plate.z",), limits={"tension": (0.0, 400.0)}, states=32)

@@ -327,7 +327,7 @@ def reach_from(
     SimulationError
         Where no commands keep the limits.
     """
-    return _Search(live, task, wanted, elapsed).found(only_from_here)
+    return _Search(live, task, wanted, elapsed, only_from_here=only_from_here).found()
 
 
 @dataclass(frozen=True)
@@ -418,7 +418,10 @@ class _Linear:
 class _Search:
     """The search for the commands of one target, from the state of a live twin."""
 
-    def __init__(self, live: LiveTwin, task: ReachTask, wanted: Mapping[str, float], elapsed: float) -> None:
+    def __init__(
+        self, live: LiveTwin, task: ReachTask, wanted: Mapping[str, float], elapsed: float, *, only_from_here: bool
+    ) -> None:
+        self.only_from_here = only_from_here
         self.began = time.perf_counter()
         self.live, self.task, self.wanted, self.elapsed = live, task, wanted, elapsed
         self.before, self.channels, self.actuators = live.state, list(task.units), live.actuators
@@ -444,7 +447,7 @@ class _Search:
         size = {"m": live.extent, "rad": 1.0}
         self.motion = np.array([1.0 / size[unit] if unit in size else 0.0 for unit in task.units.values()])
 
-    def found(self, only_from_here: bool) -> ReachStep:
+    def found(self) -> ReachStep:
         """The commands, checked.
 
         Raises
@@ -460,7 +463,7 @@ class _Search:
             self.barrier = barrier or told
             if best is None or cost < best[0]:
                 best = cost, end, told
-            if only_from_here or self.is_reached(end):
+            if self.only_from_here or self.is_reached(end):
                 break
         if best is None or best[0][0]:
             why = "the limits contradict each other along every way that was tried"
@@ -470,7 +473,7 @@ class _Search:
             why = self.barrier.why if self.barrier else why
             raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
         self.barrier = best[2] or self.barrier
-        end = best[1] if only_from_here else self.preferred(best[1])
+        end = best[1] if self.only_from_here else self.preferred(best[1])
         share, passed = self.passed(end)
         for _ in range(DETOURS):
             self.shares = (*self.shares, share)
@@ -807,7 +810,7 @@ class _Search:
 
     def located(self, barrier: _Barrier | None) -> str:
         """The sentence, with a blank before it, on the last safe commands on the way to a barrier, and the loads."""
-        if barrier is None:
+        if barrier is None or self.only_from_here:
             return ""
         low, high, safe = 0.0, 1.0, barrier.begin
         for _ in range(BISECTIONS):

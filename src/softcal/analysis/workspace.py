@@ -56,7 +56,7 @@ LOW = 0.25  # of that span: from states with less singular poses are sought
 STARTS, EVALUATIONS = 4, 60  # of these minimisations
 STEP, PUSHES = 0.1, 10  # outward from a state: of what the states span, doubled each time, and how often
 CLOSE = 1e-4  # of that: where a place outward counts as reached
-ROOM = 2.0  # over the least radius of the shape: with less, gaps between the states look like bays
+ROOM = {2: 1.2, 3: 2.0}  # over the least radius of the shape: in space gaps between states look like bays sooner
 ROUNDS = 4  # of pushes outward, until all that is outside is an end
 FOLD = "a singular pose, no limit"
 WIDTH = {2: "area", 3: "volume"}
@@ -159,6 +159,13 @@ class Workspace(Checked):
         return SINGULAR * self.widest
 
     @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """Channel -> its lowest and its highest value [SI]; zero where that is rounding."""
+        ends = np.array([self.places.min(axis=0), self.places.max(axis=0)])
+        ends[np.abs(ends) < 1e-9 * np.abs(ends).max(axis=0)] = 0.0
+        return {name: (low, high) for name, (low, high) in zip(self.channels, ends.T.tolist(), strict=True)}
+
+    @property
     def size(self) -> float:
         """Length, area or volume: the product of the channels' units."""
         return float(simplex_sizes(self.places[np.array(self.simplices)]).sum())
@@ -178,20 +185,15 @@ class Workspace(Checked):
         return tuple(face for face, n in faces.items() if n == 1)
 
     def _repr_html_(self) -> str:
-        spans = zip(self.places.min(axis=0), self.places.max(axis=0), strict=True)
-        rows = [
-            [name, *(format_quantity(float(end), self.units[name]) for end in span)]
-            for name, span in zip(self.channels, spans, strict=True)
-        ]
+        rows = [[name, *(format_quantity(end, self.units[name]) for end in ends)] for name, ends in self.spans.items()]
         return summary("Workspace", ["channel", "from", "to"], rows, workspace_sentences(self))
 
 
 def workspace_sentences(found: Workspace) -> list[str]:
     """The statement of a workspace: its size and border, what ends it, its mobility and its singular poses."""
-    lows, highs = found.places.min(axis=0).tolist(), found.places.max(axis=0).tolist()
     spans = [
-        f"{name} {format_quantity(low + 0.0, found.units[name])} to {format_quantity(high + 0.0, found.units[name])}"
-        for name, low, high in zip(found.channels, lows, highs, strict=True)
+        f"{name} {format_quantity(low, found.units[name])} to {format_quantity(high, found.units[name])}"
+        for name, (low, high) in found.spans.items()
     ]
     shown = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
     powers = Counter(shown.get(found.units[name], (1.0, found.units[name])) for name in found.channels)
@@ -346,7 +348,7 @@ class _Search:
         if k > 1 and all(state.mobility[-1] <= SINGULAR * self.widest for state in states):
             together = f"{', '.join(self.channels)} depend on each other, and the robot loses a direction"
             raise SimulationError(f"At all commands {together}: they have no {WIDTH[k]}. Try fewer, or other limits.")
-        every, pushed = states.copy(), set[int]()
+        every, pushed, refused, n_outside = states.copy(), set[int](), dict(self.refused), self.n_outside
         for _ in range(ROUNDS):
             normals = outward_normals(self.places(every) / spans)
             outside = {k: normal for k, normal in normals.items() if k < len(states) and k not in pushed}
@@ -364,8 +366,8 @@ class _Search:
             simplices=tuple(tuple(corners) for corners in alpha_shape(self.places(every) / spans).tolist()),
             singular=singular,
             least=least,
-            refused=dict(self.refused),
-            n_outside=self.n_outside,
+            refused=refused,
+            n_outside=n_outside,
             without_compliance=self.without,
             values=dict(self.values),
             widest=self.widest,
@@ -448,7 +450,11 @@ class _Search:
             elif self.live.state is not state:
                 self.live.return_to(state)
             goal = dict(zip(self.channels, (y + STEP * 2**push * spans * normal).tolist(), strict=True))
-            end = reach_from(self.live, task, goal, only_from_here=True)
+            try:
+                end = reach_from(self.live, task, goal, only_from_here=True)
+            except SimulationError as error:
+                limits = (str(error).rstrip("."),)
+                break
             state, limits = self.live.state, end.active
             if end.outcome == "refused":
                 limits = (end.why.removeprefix("The way ends there: ").rstrip("."),)
@@ -539,7 +545,7 @@ def alpha_shape(places: Floats) -> Ints:
     while low < high:
         middle = (low + high) // 2
         low, high = (low, middle) if is_one_piece(tried[middle]) else (middle + 1, high)
-    return simplices[radii <= ROOM * tried[high]]
+    return simplices[radii <= ROOM[places.shape[1]] * tried[high]]
 
 
 def outward_normals(places: Floats) -> dict[int, Floats]:

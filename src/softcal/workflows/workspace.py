@@ -111,6 +111,13 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
     faults = [
         unknown("the robot has no such channel", "channels", one, live.units) for one in names if one not in live.units
     ]
+    faults += [
+        Fault(
+            "this is neither a place nor an angle", "channels", f"{name} [{live.units[name]}]", "channels in m or rad"
+        )
+        for name in names
+        if live.units.get(name, "m") not in ("m", "rad")
+    ]
     if not 1 <= len(names) <= MOST or len(names) < len(channels):
         faults.append(Fault("this is no workspace", "channels", ", ".join(channels) or "none", f"1 to {MOST} channels"))
     try:

@@ -287,9 +287,8 @@ def workspace(  # noqa: PLR0913 (one argument for each option)
             progress=lambda what, done, n: show(f"{what.capitalize()}: {done} of {n}"),
         )
     shown = Table("", "from", "to", "compliance from", "to")
-    for name in found.channels:
-        ends = [state.channels[name] for state in found.states]
-        cells = [format_quantity(end + 0.0, found.units[name]) for end in (min(ends), max(ends))]
+    for name, ends in found.spans.items():
+        cells = [format_quantity(end, found.units[name]) for end in ends]
         soft = [state.compliances[name] for state in found.states if name in state.compliances]
         cells += [
             f"{plain(end, 3)} {compliance_unit(found.units[name])}" for end in ((min(soft), max(soft)) if soft else ())

@@ -111,7 +111,8 @@ def _panel(axes: Axes, found: Workspace, pair: tuple[int, int], label: str, valu
         shown = axes.scatter(places[:, 0], places[:, 1], 5.0, values, cmap=SEQUENTIAL, linewidths=0.0)
     axes.plot(lost[:, 0], lost[:, 1], "D", color=RED, markersize=5)
     axes.autoscale_view()
-    if scales[0].unit == scales[1].unit:
+    spans = np.ptp(places, axis=0)
+    if scales[0].unit == scales[1].unit and spans.max() < 3.0 * spans.min():
         axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=scales[0].axis(names[0]), ylabel=scales[1].axis(names[1]))
     axes.grid(visible=False)

@@ -282,6 +282,10 @@ STATED: list[tuple[str, Declared]] = [
         "gear_backlash: 0.1 rad, zero: 90 deg}",
         Drive({"left": 1.0}, 8e-3, -5.0, 5e3, 1.0, 0.1, np.pi / 2.0),
     ),
+    (
+        "{cables: {left: 1}, radius: 8 mm, rotor_inertia: 2e-6 kg*m^2}",
+        Drive({"left": 1.0}, 8e-3, rotor_inertia=2e-6),
+    ),
     ("{marker: m4}", MarkerSensor("m4")),
     ("{plate: top}", PlateSensor("top")),
     ("{diameter: 9 cm, thickness: 2 mm}", BaseDisc(0.09, 0.002)),

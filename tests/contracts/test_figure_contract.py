@@ -223,7 +223,7 @@ def test_what_is_no_figure_is_refused(whole: ReportContent) -> None:
         register_figure("middle")(unexplained)  # type: ignore[arg-type, type-var]
     told = str(error.value)
     assert "figure unexplained: the figure has no description" in told
-    assert "the report has no such section; got 'middle'; allowed: one of 11 names" in told
+    assert "the report has no such section; got 'middle'; allowed: one of 12 names" in told
     with pytest.raises(ParameterError, match="there is another figure of this name"):
         FIGURES.add(ReportFigure("twin", twin.twin, "fit"))
     with pytest.raises(ParameterError, match="this is not a figure"):

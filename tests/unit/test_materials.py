@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from project_text import changed
 
+import softcal
 from softcal.errors import InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
@@ -130,11 +131,9 @@ def loaded_shape(path: Path):
 
 
 def test_stresses_are_each_materials_own(tmp_path: Path):
-    from softcal.export.vtk import _grid
-
     robot, response = loaded_shape(two_materials(tmp_path / "p"))
     shape = response.snapshots[-1]
-    grid = _grid(robot, response, shape, [body.name for body in robot.bodies] + ["front", "plate"])
+    grid = softcal.shape_grid(robot, shape)
     body, x = robot.bodies[0], shape.points["bar"]
     (part,) = body.inclusions
     stress = np.asarray(grid.cell_data["stress"]).reshape(-1, 3, 3)[: body.mesh.n_tets]

@@ -115,7 +115,7 @@ def test_the_table_fits_eighty_columns(
 def test_the_report_of_a_run_tells_its_study(studied: Path, monkeypatch: pytest.MonkeyPatch):
     from softcal.workflows import reporting
 
-    monkeypatch.setattr(reporting, "_twin", lambda *_: None)
+    monkeypatch.setattr(reporting, "twin_view", lambda *_: None)
     monkeypatch.setattr(reporting, "_landscapes", lambda *_: {})
     content = report_content(load_run(studied))
     assert content.mesh_study is not None
@@ -140,7 +140,7 @@ def test_a_study_of_other_values_is_not_told_as_this_runs(
 ):
     from softcal.workflows import reporting
 
-    monkeypatch.setattr(reporting, "_twin", lambda *_: None)
+    monkeypatch.setattr(reporting, "twin_view", lambda *_: None)
     monkeypatch.setattr(reporting, "_landscapes", lambda *_: {})
     copied = tmp_path / "run"
     shutil.copytree(studied, copied)

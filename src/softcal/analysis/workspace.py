@@ -12,7 +12,7 @@ passes through itself or has no equilibrium, and these are counted by their reas
 *Shape* (`alpha_shape`). The simplices of the states' Delaunay triangulation with a circumscribed sphere below the least
 radius for which they are one piece that has every state (an alpha shape): it may have bays and holes.
 
-*Border* (`_Search.pushed`). From every state on the outside of that shape the search of `reach` goes for a place a
+*Border* (`_Border.pushed`). From every state on the outside of that shape the search of `reach` goes for a place a
 step further outward along the normal, and on by twice the step while it reaches it. It ends where no commands near
 these come closer: the gradient of the distance is a combination of those of the active limits, which are named; or
 before an instability. So every point of the border is an equilibrium and a local end. The shape with these points is
@@ -25,7 +25,7 @@ manipulability (Yoshikawa 1985). A pose is singular where s_k is below `SINGULAR
 has no bound: it grows without end where the robot comes near buckling): to first order no change of the commands moves
 the robot in one direction.
 
-*Singular poses* (`_Search.singular`). From states whose s_k is below `LOW` of that and smaller than their neighbours'
+*Singular poses* (`_Border.singular`). From states whose s_k is below `LOW` of that and smaller than their neighbours'
 in the space of commands, s_k is minimised by a simplex (Nelder and Mead) within the limits.
 """
 
@@ -267,10 +267,10 @@ def find_workspace(
     SimulationError
         Where the robot has too few states within the limits.
     """
-    return _Search(live, task, tuple(channels), values or {}, progress).found(n_states, seed)
+    return _Border(live, task, tuple(channels), values or {}, progress).found(n_states, seed)
 
 
-class _Search:
+class _Border:
     """The search for a workspace."""
 
     def __init__(

@@ -304,6 +304,15 @@ def test_the_system_is_a_state_space_and_a_file(tmp_path) -> None:
         assert file["channels"].tolist() == list(found.channels)
 
 
+def test_rates_are_in_both_files(tmp_path: Path) -> None:
+    project = write_project(tmp_path, ("      fixed: foot\n", "      fixed: foot\n      density: 1100 kg/m^3\n"))
+    found = softcal.linearise(project, modes=2, parameters=["bar.youngs_modulus"], out=tmp_path / "out")
+    assert found.pole_rates.shape[1] == 1
+    stored = json.loads((tmp_path / "out" / "linear.json").read_text())["system"]["pole_rates"]
+    np.testing.assert_array_equal(np.array(stored) @ [1.0, 1j], found.pole_rates)
+    np.testing.assert_array_equal(np.load(tmp_path / "out" / "linear.npz")["pole_rates"], found.pole_rates)
+
+
 def test_what_has_no_linear_form_is_refused() -> None:
     with pytest.raises(ParameterError, match="nothing that moves has mass"):
         softcal.linearise(column_robot())

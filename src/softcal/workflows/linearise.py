@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+
 from softcal.calibration.results.store import write_text
 from softcal.calibration.results.stored import sealed
 from softcal.calibration.search.outcome import installed_versions
@@ -105,6 +107,8 @@ def modes_csv(found: LinearSystem) -> str:
 
 def _write(found: LinearSystem, project: Project | Robot, folder: Path) -> None:
     entries = {name: getattr(found, name) for name in ARRAYS}
+    # JSON has no complex numbers: the real and the imaginary part of each.
+    entries["pole_rates"] = np.stack([found.pole_rates.real, found.pole_rates.imag], axis=-1)
     record = {
         "project": project.name if isinstance(project, Project) else "",
         "commands": dict(found.commands),

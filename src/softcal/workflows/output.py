@@ -6,9 +6,15 @@ import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from softcal.calibration.results.store import write_bytes
 from softcal.errors import Fault, InputError, StorageError
 from softcal.regular_file import whole_folder, write_whole
+from softcal.report.style import encode
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ANOTHER = "another --out"
 
@@ -55,6 +61,22 @@ def require_picture(file: Path) -> None:
     if file.suffix not in (".png", ".svg"):
         raise InputError(Fault("this is no file of a picture", "picture", str(file), "a name with .png or .svg"))
     require_free_file(file)
+
+
+def write_picture(figure: Figure, title: str, file: Path) -> None:
+    """Write a figure as .png or .svg, by the name of its file.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    title
+        In the file's data.
+    file
+        As of `require_picture`.
+    """
+    png, svg = encode(figure, title)
+    write_bytes(file, png if file.suffix == ".png" else svg)
 
 
 @contextmanager

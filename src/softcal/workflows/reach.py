@@ -19,7 +19,6 @@ from softcal.analysis.reach import (
     reach_sentences,
     reach_targets,
 )
-from softcal.calibration.results.store import write_bytes
 from softcal.checks import Floats
 from softcal.csv_text import csv_text
 from softcal.declare import OrInfinite, checked_arguments
@@ -31,7 +30,6 @@ from softcal.limits import LIMITS
 from softcal.project.project import Project, ProjectSource
 from softcal.quantities import QUANTITIES
 from softcal.report.reach_view import ReachView, draw_reach
-from softcal.report.style import encode
 from softcal.report.twin_view import TwinView
 from softcal.sensing.channel import channel_name, positions
 from softcal.twin.build import twin_of
@@ -41,7 +39,7 @@ from softcal.twin.protocol import times_fault
 from softcal.twin.robot import Control, Robot
 from softcal.units import format_quantity
 from softcal.workflows.export import ExportRequest
-from softcal.workflows.output import require_free_folder, require_picture
+from softcal.workflows.output import require_free_folder, require_picture, write_picture
 from softcal.workflows.run_band import RunBand
 from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import load_calibrated
@@ -165,8 +163,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
             places[point] = np.array(wanted_there), np.array([*reached.values()])
         tets = {name: mesh.tets for name, mesh in twin_of(live.robot).meshes.items()}
         view = ReachView(TwinView(live.robot, live.reset().shape, bent, tets), places, obstacles or {})
-        png, svg = encode(draw_reach(view), "Commands for a pose")
-        write_bytes(Path(picture), png if Path(picture).suffix == ".png" else svg)
+        write_picture(draw_reach(view), "Commands for a pose", Path(picture))
     if out is not None and isinstance(project, Project):
         REACH.write(result, project, "", Path(out))
     return result

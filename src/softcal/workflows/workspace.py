@@ -13,7 +13,6 @@ from softcal.analysis.workspace import (
     find_workspace,
     workspace_sentences,
 )
-from softcal.calibration.results.store import write_bytes
 from softcal.csv_text import csv_text
 from softcal.declare import OrInfinite, checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, unknown
@@ -21,11 +20,10 @@ from softcal.geometry.obstacle import Obstacle
 from softcal.limits import LIMITS
 from softcal.project.project import Project, ProjectSource
 from softcal.report.figures.workspace import draw_workspace
-from softcal.report.style import encode
 from softcal.twin.live import LiveTwin
 from softcal.twin.parameters import with_parameters
 from softcal.twin.robot import Control, Robot
-from softcal.workflows.output import require_free_folder, require_picture
+from softcal.workflows.output import require_free_folder, require_picture, write_picture
 from softcal.workflows.reach import asked
 from softcal.workflows.run import CalibrationRun, headline_of
 from softcal.workflows.run_folder import load_run
@@ -132,8 +130,7 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
         values = {label: estimate.value for label, estimate in result.parameters.items()}
     found = find_workspace(live, task, names, n_states=states, seed=seed, values=values, progress=progress)
     if picture is not None:
-        png, svg = encode(draw_workspace(found), "The workspace")
-        write_bytes(Path(picture), png if Path(picture).suffix == ".png" else svg)
+        write_picture(draw_workspace(found), "The workspace", Path(picture))
     if out is not None and isinstance(project, Project):
         WORKSPACE.write(found, project, calibration, Path(out))
     return found

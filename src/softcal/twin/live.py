@@ -655,8 +655,8 @@ class _Place(_InOneProcess):
             for dz in (motions.basis, alone)
         )
         exact = self.by_commands()
-        k = motions.wider.shape[1]
-        rates = np.zeros((len(parameters), 3, k, k))
+        size = motions.wider.shape[1]
+        rates = np.zeros((len(parameters), 3, size, size))
         ways = by_parameters(statics, self.state, now, parameters)  # with the factors of `by_commands`
 
         def matrices(one: Twin, there: State, values: Mapping[str, float]) -> Floats:
@@ -673,10 +673,12 @@ class _Place(_InOneProcess):
                 matrices(twin, self.state, {**theta, name: theta[name] + sign * step}) for sign in (-1.0, 1.0)
             )
             rates[k] += (after - before) / (2.0 * step)
-        M, C, K = matrices(twin, self.state, theta)
+        M, C, K = matrices(twin, self.state, theta) if parameters else np.zeros((3, size, size))
 
         def rates_of(wanted: Any, damping: Floats, of: Floats) -> Any:
             """Derivatives of the poles nearest to these."""
+            if not parameters:
+                return np.zeros((len(wanted), 0))
             poles, slopes = pole_rates(np.array([M, damping, K]), of)
             return slopes[np.abs(poles - wanted[:, None]).argmin(axis=1)]
 

@@ -1,4 +1,4 @@
-"""softcal: from bench measurements of a cable-driven soft robot to a calibrated finite-element twin.
+"""softcal: from bench measurements of a cable-driven or pressurised soft robot to a calibrated finite-element twin.
 
     project = softcal.load("neck/project.yaml")
     response = softcal.simulate(project, experiment="pull_20mm")

@@ -376,7 +376,7 @@ def test_states_in_which_nothing_moves_are_a_fault_of_the_user(given):
     done, out = given({"idle": Protocol({}), "slack": pulled(0.0)})
     assert done.exit_code == 2, done.output
     assert "nothing moves the robot, so there is nothing to compare" in done.output
-    assert "--pull CABLE=VALUE" in done.output
+    assert "--pull ACTUATOR=VALUE" in done.output
     assert "failed" not in done.output
     assert not out.exists()
 

@@ -22,7 +22,7 @@ from softcal.twin.protocol import command_faults, let_go_faults
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
-# With several driven cables every sample is a separate solve.
+# With several driven actuators every sample is a separate solve.
 MAX_SOLVED_SAMPLES = 200
 
 
@@ -40,7 +40,7 @@ class RecordFit:
     drives
         The channels of the record that drove the twin.
     every
-        Stride: 1 if every sample was compared; k if only every k-th, as with several driven cables.
+        Stride: 1 if every sample was compared; k if only every k-th, as with several driven actuators.
     failure
         Why there is no fit, or "".
     remembers

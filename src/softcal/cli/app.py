@@ -63,4 +63,4 @@ def root(
         bool, typer.Option("--version", help="Show the version and exit.", callback=_tell_version, is_eager=True)
     ] = False,
 ) -> None:
-    """From bench measurements of a printed, cable-driven soft robot to a calibrated finite-element twin."""
+    """From bench measurements of a printed, cable-driven or pressurised robot to a calibrated finite-element twin."""

@@ -23,8 +23,8 @@ Source = Annotated[
 Pull = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="CABLE=VALUE",
-        help="Instead of the experiments: pull a cable (front=40mm, front=8N); repeat for several cables.",
+        metavar="ACTUATOR=VALUE",
+        help="Instead of the experiments: drive an actuator (front=40mm, front=8N); repeat for several.",
         show_default=False,
     ),
 ]

@@ -53,7 +53,7 @@ def by_coordinate(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     Parameters
     ----------
     along
-        The path of the driven cable.
+        The path of the driven actuator.
     start
         Its first node.
     d
@@ -106,7 +106,7 @@ def by_coordinate(along: EquilibriumPath, start: Node, d: Floats, *, ends_there:
     tension = values[:, along.column(effort)]
     if along.only_pulls and path.reached and np.any(tension < 0.0):
         low = float(d[:n][np.argmin(tension)])
-        status = f"Cable {along.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
+        status = f"Cable {along.actuator} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
         n, c, values, slopes, by_parameter = 0, c[:0], values[:0], slopes[:0], by_parameter[:0]
         succeeded = False
     return Samples(
@@ -127,7 +127,7 @@ def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: boo
     Parameters
     ----------
     along
-        The path of the driven cable.
+        The path of the driven actuator.
     start
         Its first node.
     T
@@ -188,12 +188,12 @@ def by_effort(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: boo
     status = along.sentence(path, n, len(T))
     most = float(curve.values[:, i_tension].max())
     if is_wound and beyond.any():
-        status += f" Cable {along.cable} is wound up to zero length from {most:.4g} N on."
+        status += f" Cable {along.actuator} is wound up to zero length from {most:.4g} N on."
     elif at_end and beyond.any():
         limit, end = format_quantity(most, effort.unit), along.place(path.nodes[-1].c)
         status = (
-            f"No equilibrium beyond {limit} of {effort.name} of {along.cable} ({n} of {len(T)} samples reached): it is "
-            f"the largest up to {end}. Command the {coordinate.name} to go beyond."
+            f"No equilibrium beyond {limit} of {effort.name} of {along.actuator} ({n} of {len(T)} samples reached): it "
+            f"is the largest up to {end}. Command the {coordinate.name} to go beyond."
         )
     last = float(at.max(initial=start.c))
     if ends_there and path.stopped_by is None:

@@ -1,4 +1,4 @@
-"""The path of equilibria of a robot with one driven cable, and the curve of its channels along it."""
+"""The path of equilibria of a robot with one driven actuator, and the curve of its channels along it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from softcal.twin.start import loaded, slack_line
 from softcal.units import format_quantity, unit_factor
 
 CURVE_TOLERANCE = 1e-4  # interpolation error over a channel's largest value
-FIRST_STEP = 0.12  # of the driven cable's length
+FIRST_STEP = 0.12  # of the span of the driven coordinate
 FAR = 10.0  # of the driven coordinate's span: where a path to an effort ends at the latest
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
 SAME = 1e-9  # of its length: two nodes closer than this are one
@@ -45,7 +45,7 @@ MAX_REFINEMENTS = 24  # a region of high curvature may be a thousandth of the cu
 
 @dataclass(frozen=True)
 class EquilibriumPath:
-    """Equilibria by the driven cable's shortening c, from where it just becomes taut, all others slack.
+    """Equilibria by the driven actuator's shortening c, from where it just becomes taut, all others slack.
 
     Attributes
     ----------
@@ -53,8 +53,8 @@ class EquilibriumPath:
         The twin, and its statics.
     names
         Parameters (k,) of the nodes' derivatives.
-    cable
-        The driven cable; None where nothing is driven.
+    actuator
+        The driven actuator; None where nothing is driven.
     tolerance
         Of the curve, over a channel's largest value [-]; 0 solves every sample.
     is_shared
@@ -68,7 +68,7 @@ class EquilibriumPath:
     twin: Twin
     statics: Statics
     names: tuple[str, ...]
-    cable: str | None
+    actuator: str | None
     tolerance: float
     is_shared: bool = False
     guide: EquilibriumPath | None = None
@@ -81,12 +81,12 @@ class EquilibriumPath:
 
     @property
     def number(self) -> int:
-        """The driven cable's number."""
-        return self.twin.system.number(self.cable or "")
+        """The driven actuator's number."""
+        return self.twin.system.number(self.actuator or "")
 
     def column(self, kind: ChannelKind) -> int:
-        """The column of a channel of the driven cable."""
-        return self.twin.column(self.cable or "", kind)
+        """The column of a channel of the driven actuator."""
+        return self.twin.column(self.actuator or "", kind)
 
     @property
     def length(self) -> float:
@@ -121,27 +121,27 @@ class EquilibriumPath:
     def line(self) -> Line:
         """The controls along the path."""
         line = slack_line(self.twin)
-        if self.cable is None:
+        if self.actuator is None:
             return line
         driven = np.arange(len(line.is_held)) == self.number
         return replace(line, is_held=~driven, coordinate_rate=driven.astype(float))
 
     def start(self) -> Node:
-        """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
+        """The robot under its loads, with the driven actuator just taut: c there is L0 - L."""
 
         def solved() -> Node:
             start = loaded(self.twin, self.statics)
-            c = 0.0 if self.cable is None else self.shortening(start.state)
+            c = 0.0 if self.actuator is None else self.shortening(start.state)
             return replace(node_at(self.statics, self.line, c, start.state, self.names), is_snapped=start.snaps)
 
         return self._kept_start(self.line, solved)
 
     def shortening(self, state: State) -> float:
-        """Shortening of the driven cable at a state [m]."""
+        """Shortening of the driven actuator at a state [m]."""
         return float(self.twin.system.coordinates(state, self.statics.theta)[self.number])
 
     def slack_node(self, start: Node) -> Node:
-        """The same state with the driven cable slack: taking up its slack moves nothing."""
+        """The same state with the driven actuator slack: taking up its slack moves nothing."""
         line = slack_line(self.twin)
         return self._kept_start(line, lambda: node_at(self.statics, line, start.c, start.state, self.names))
 
@@ -371,8 +371,8 @@ class EquilibriumPath:
         if path.reached and by_effort and share(last) < 1.0:
             effort, least = self.channels[1], min(float(node.state.effort[i]) for node in path.nodes)
             raise SimulationError(
-                f"No equilibrium below {format_quantity(least, effort.unit)} of {effort.name} of {self.cable}, down to "
-                f"{self.place(-last.c)}. Command the {self.channels[0].name} to go beyond."
+                f"No equilibrium below {format_quantity(least, effort.unit)} of {effort.name} of {self.actuator}, down "
+                f"to {self.place(-last.c)}. Command the {self.channels[0].name} to go beyond."
             )
         if not path.reached:
             raise SimulationError(f"{path.ended[0].upper()}{path.ended[1:]} {self.place(-last.c)}: {path.status}.")
@@ -420,7 +420,7 @@ class EquilibriumPath:
         kind = self.channels[0]
         unit = path_unit(kind, max(c, key=abs))
         numbers = ", ".join(f"{value / unit_factor(unit, kind.unit):.4g}" for value in c)
-        return f"{numbers} {unit} of {kind.name} of {self.cable}"
+        return f"{numbers} {unit} of {kind.name} of {self.actuator}"
 
     def sentence(self, path: Path, n: int, n_samples: int) -> str:
         """The sentence on the path's end.
@@ -466,7 +466,7 @@ def statics_of(twin: Twin, theta: Mapping[str, float], kept: KeptNodes | None = 
 
 
 @contextmanager
-def guide_of(twin: Twin, theta: Mapping[str, float], cable: str | None) -> Generator[EquilibriumPath | None]:
+def guide_of(twin: Twin, theta: Mapping[str, float], actuator: str | None) -> Generator[EquilibriumPath | None]:
     """The path of a robot at its own parameters, where surfaces touch: the guide of its paths at others, theta.
 
     Where points meet surfaces a path turns, and its last nodes say little of the next one; a path at other parameters
@@ -478,12 +478,12 @@ def guide_of(twin: Twin, theta: Mapping[str, float], cable: str | None) -> Gener
         The twin.
     theta
         Parameter values by dotted name [SI].
-    cable
-        The driven cable; None: none is.
+    actuator
+        The driven actuator; None: none is.
     """
     own = parameter_values(twin.robot)
-    if cable is None or not twin.system.contacts or dict(theta) == own:
+    if actuator is None or not twin.system.contacts or dict(theta) == own:
         yield None
         return
     with statics_of(twin, own, twin.kept.at(own)) as statics:
-        yield EquilibriumPath(twin, statics, (), cable, CURVE_TOLERANCE, is_shared=True)
+        yield EquilibriumPath(twin, statics, (), actuator, CURVE_TOLERANCE, is_shared=True)

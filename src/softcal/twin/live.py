@@ -114,7 +114,7 @@ class LiveState:
     Attributes
     ----------
     commands
-        Cable -> its shortening [m] or tension [N] there.
+        Actuator -> its command there, such as a shortening [m] or tension [N].
     channels
         Channel -> value [SI], as of `Response.channels`.
     succeeded
@@ -139,7 +139,7 @@ class LiveState:
     _place: _Place = field(repr=False)
 
     def by_commands(self) -> Jacobian:
-        """Exact derivatives of the channels by the commands of all driven cables, at the cost of one factorisation.
+        """Exact derivatives of the channels by the commands of all driven actuators, at the cost of one factorisation.
 
         Of a robot that remembers: by the commands of this state alone, from the state before it.
 
@@ -305,7 +305,7 @@ class LiveTwin(_InOneProcess):
     twin
         A robot, a project, or a run with its calibrated values.
     controls
-        What each cable is driven by: "shortening" or "tension", other actuators being driven by their effort; or by
+        What drives each actuator: "shortening" or "tension", other actuators than cables by their effort; or by
         the names of the driven actuators, one of their controls each, such as "pressure" of a chamber.
     theta
         Values [SI] of robot parameters by dotted name, replacing the robot's own.
@@ -316,7 +316,7 @@ class LiveTwin(_InOneProcess):
     Raises
     ------
     ParameterError
-        For a parameter, a cable or a control that there is not, or a value out of range.
+        For a parameter, an actuator or a control that there is not, or a value out of range.
     SimulationError
         Where the robot has no equilibrium under its loads.
     """
@@ -376,7 +376,7 @@ class LiveTwin(_InOneProcess):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """What each cable that it drives is commanded by."""
+        """What each actuator that it drives is commanded by."""
         return FixedMapping(self._controls)
 
     @property
@@ -432,7 +432,7 @@ class LiveTwin(_InOneProcess):
         Raises
         ------
         ParameterError
-            For a cable that is not driven, or a command that no cable can follow.
+            For an actuator that is not driven, or a command that it cannot follow.
         """
         what = f"this {self.robot.actuator_word} is not driven"
         faults = [

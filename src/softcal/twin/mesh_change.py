@@ -1,6 +1,6 @@
 """The twin on a finer mesh, by the change of its channels along a load path.
 
-Along the path of one cable the change from mesh to mesh is far smoother than the channels: a polynomial through two
+Along the path of one actuator the change from mesh to mesh is far smoother than the channels: a polynomial through two
 equilibria of the finer twin, with their slopes, represents it within some tenths of a per cent of itself. Contact
 begins and ends elsewhere on every mesh; where surfaces touch, the change is a curve through the values of three to
 eight, without their slopes. Each of them is solved from the equilibrium on the coarse mesh, not by following the path
@@ -69,7 +69,7 @@ class FinerTwin:
         sensitivities: Sequence[str] = (),
         snapshots: Shown = False,
     ) -> Response:
-        """The response on the finer mesh: by its change along the path of one cable that is pulled, else as
+        """The response on the finer mesh: by its change along the path of one actuator that is driven, else as
         `simulate`.
         """
         changed = None if sensitivities or snapshots else self._changed(robot, protocol, theta or {})
@@ -88,16 +88,16 @@ class FinerTwin:
         if robot.rods or system.remembers or system.is_loaded(values):
             return None
         at, s, _ = at_own_moduli(own, values)
-        cable = driven[0]
+        (actuator,) = driven
         with (
             statics_of(own, at, own.kept.at(at)) as statics,
             statics_of(finer, at) as finer_statics,
-            guide_of(own, at, cable if with_shape(robot, theta) is robot else None) as guide,
+            guide_of(own, at, actuator if with_shape(robot, theta) is robot else None) as guide,
         ):
-            along = EquilibriumPath(own, statics, (), cable, CURVE_TOLERANCE, is_shared=True, guide=guide)
-            further = EquilibriumPath(finer, finer_statics, (), cable, CURVE_TOLERANCE)
+            along = EquilibriumPath(own, statics, (), actuator, CURVE_TOLERANCE, is_shared=True, guide=guide)
+            further = EquilibriumPath(finer, finer_statics, (), actuator, CURVE_TOLERANCE)
             try:
-                samples = by_coordinate(along, along.start(), protocol.commands[cable].values)
+                samples = by_coordinate(along, along.start(), protocol.commands[actuator].values)
                 if not samples.succeeded or any(node.is_snapped for node in samples.path.nodes):
                     return None
                 end = float(samples.c.max())

@@ -75,13 +75,13 @@ class Protocol(Checked):
 
     @property
     def drives(self) -> dict[str, str]:
-        """The name of each command as a channel, such as `front.tension`, and its cable."""
+        """The name of each command as a channel, such as `front.tension`, and its actuator."""
         of = kinds()
-        return {str(ChannelName(of[command.control], cable)): cable for cable, command in self.commands.items()}
+        return {str(ChannelName(of[command.control], name)): name for name, command in self.commands.items()}
 
     @property
     def driven(self) -> list[str]:
-        """The cables whose commands do more than leave them slack."""
+        """The actuators whose commands do more than leave them without effort."""
         of = kinds()
         each = self.commands.items()
         return [n for n, one in each if of[one.control].drives == "coordinate" or np.any(one.values != 0.0)]
@@ -91,20 +91,20 @@ class Protocol(Checked):
         """The parameters by which a command has derivatives."""
         return tuple(dict.fromkeys(name for command in self.commands.values() for name in command.by))
 
-    def rates(self, i: int, cables: Sequence[str], names: Sequence[str]) -> Floats:
-        """Derivatives of the commands at a sample by parameters: (n_cables, n_names).
+    def rates(self, i: int, actuators: Sequence[str], names: Sequence[str]) -> Floats:
+        """Derivatives of the commands at a sample by parameters: (n_actuators, n_names).
 
         Parameters
         ----------
         i
             Number of the sample, from 0.
-        cables
-            Names of the cables.
+        actuators
+            Names of the actuators.
         names
             Dotted names of the parameters.
         """
         none = Command("tension", np.zeros(1))
-        own = [self.commands.get(cable, none).by for cable in cables]
+        own = [self.commands.get(name, none).by for name in actuators]
         return np.array([[by[name][i] if name in by else 0.0 for name in names] for by in own]).reshape(len(own), -1)
 
     @property

@@ -34,7 +34,7 @@ class Snapshot(ReadOnly):
     plates
         Plate -> position (3,) [m] and rotation (3, 3) [-].
     controls
-        Cable -> commanded tension [N] or shortening [m].
+        Actuator -> commanded tension [N] or shortening [m].
     tensions
         Cable -> tension [N].
     efforts
@@ -46,8 +46,8 @@ class Snapshot(ReadOnly):
     markers
         Marker -> position (3,) [m].
     drive, drive_unit
-        Place in an animation: shortening [m] or tension [N] of the one driven cable, or time [s]; with several driven
-        cables the number of the sample, from 1, in the unit "".
+        Place in an animation: shortening [m] or tension [N] of the one driven actuator, or time [s]; with several
+        driven actuators the number of the sample, from 1, in the unit "".
     rod_strains
         Rod -> root mean square over its elements of stretch and shear [-].
     """
@@ -141,7 +141,7 @@ class Response(ReadOnly):
     sensitivities
         Channel -> parameter -> d channel / d parameter, shape (n_samples,). A mapping of mappings will do.
     slopes
-        Channel -> d channel / d control, shape (n_samples,), along the one driven cable; empty for several.
+        Channel -> d channel / d control, shape (n_samples,), along the one driven actuator; empty for several.
     snapshots
         Shapes to draw.
     tets

@@ -19,10 +19,10 @@ from softcal.twin.robot import Control, Robot
 @displayed
 @dataclass(frozen=True)
 class Schedule(Checked):
-    """Commands by cable over time: values at `times` (n,) [s], from 0 on and ascending; linear in between, then
+    """Commands by actuator over time: values at `times` (n,) [s], from 0 on and ascending; linear in between, then
     constant.
 
-    A cable that is not named is slack, or stays at zero shortening where it has a pretension.
+    An actuator that is not named has no effort, or stays at zero shortening where it has a pretension.
     """
 
     times: Series
@@ -59,7 +59,7 @@ class Schedule(Checked):
 
 @checked_arguments
 def ramp(targets: Mapping[str, tuple[Control, float]], duration: Duration) -> Schedule:
-    """From zero to each cable's target, such as {"front": ("tension", 5.0)}, at a constant rate [duration in s].
+    """From zero to each actuator's target, such as {"front": ("tension", 5.0)}, at a constant rate [duration in s].
 
     Raises
     ------

@@ -34,9 +34,9 @@ def simulate(
 ) -> Response:
     """The twin's quasi-static response to a protocol.
 
-    With one driven cable the response is one curve: it is solved at a few well-placed nodes, with exact slopes, and
+    With one driven actuator the response is one curve: it is solved at a few well-placed nodes, with exact slopes, and
     interpolated between them by cubic Hermite pieces whose error stays below `curve_tolerance` times the channel's
-    largest value; 0 solves every sample. With several driven cables every sample is solved. With a cable driven by
+    largest value; 0 solves every sample. With several driven actuators every sample is solved. With a cable driven by
     tension the load path is followed in its shortening, so that folding necks and cables wound up to zero length are
     states, not failures.
 
@@ -60,15 +60,15 @@ def simulate(
     Returns
     -------
     Response
-        With `succeeded` False and a sentence in `status` where a sample could not be reached. With one driven cable the
-        channels then end before it; with several the others are solved, and `samples` gives the numbers of the samples
+        With `succeeded` False and a sentence in `status` where a sample could not be reached. With one driven actuator
+        the channels then end before it; with several the others are solved, and `samples` gives the numbers of the samples
         in the channels. Never raises for a robot that has no equilibrium.
 
     Raises
     ------
     ParameterError
-        For a parameter or a cable that the robot does not have, a value that no part can have, or a command that no
-        cable can follow.
+        For a parameter or an actuator that the robot does not have, a value that no part can have, or a command that no
+        actuator can follow.
     MeshError
         For a robot that cannot be built.
     """
@@ -141,7 +141,7 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     protocol
         The protocol.
     sensitivities
-        Parameters of the derivatives, and cables' channels for those by their commands.
+        Parameters of the derivatives, and actuators' channels for those by their commands.
     snapshots, curve_tolerance, shared, crossings
         As of `simulate`.
     guided
@@ -170,14 +170,17 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     is_pulled_in = len(driven) == 1 and kinds()[protocol.commands[driven[0]].control].drives == "coordinate"
     own, s, modulus = at_own_moduli(twin, theta) if is_pulled_in else (theta, 1.0, None)
     solved = tuple(name for name in names if name != modulus)
-    cable = driven[0] if driven else None
-    with statics_of(twin, own, twin.kept.at(own)) as statics, guide_of(twin, own, cable if guided else None) as guide:
+    actuator = driven[0] if driven else None
+    with (
+        statics_of(twin, own, twin.kept.at(own)) as statics,
+        guide_of(twin, own, actuator if guided else None) as guide,
+    ):
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
         along = EquilibriumPath(
             twin=twin,
             statics=statics,
             names=solved,
-            cable=cable,
+            actuator=actuator,
             tolerance=tolerance,
             is_shared=shared,
             guide=guide,
@@ -188,7 +191,7 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
         response = with_modulus(response, modulus, theta[modulus], names)
     if not commanded:
         return response
-    # Slopes are the derivatives by the driven cable's command.
+    # Slopes are the derivatives by the driven actuator's command.
     channels, known = tuple(response.channels), response.sensitivities
     rates = [known.by(name, channels) for name in known.parameters]
     rates += [np.array([response.slopes[channel] for channel in channels]).T for _ in commanded]

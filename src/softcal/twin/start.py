@@ -131,7 +131,7 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
     state
         The state.
     controls
-        Cable -> its command [m; N].
+        Actuator -> its command [m; N].
     drive
         Place in an animation, see `Snapshot`.
     unit

@@ -52,7 +52,7 @@ def cases(
     experiment
         Name of the only case; by default every experiment.
     commands
-        A table with a column for each cable, such as `front.tension [N]`, and one of the times, or none.
+        A table with a column for each actuator, such as `front.tension [N]`, and one of the times, or none.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def commanded(robot: Robot, table: Path) -> Protocol:
     Raises
     ------
     InputError
-        For a table that cannot be read, a column that is no command, or two of one cable.
+        For a table that cannot be read, a column that is no command, or two of one actuator.
     """
     channels = [channel for channel in channels_of(sensors_of(robot)) if channel.kind.drives]
     read = read_channels(table, [str(channel) for channel in channels])
@@ -100,31 +100,32 @@ def protocols_of(chosen: Mapping[str, Case]) -> dict[str, Protocol]:
 
 
 def parse_pulls(robot: Robot, texts: Sequence[str], option: str = "--pull") -> Protocol:
-    """Cables pulled together, each evenly from zero to its value: a shortening, a tension, or a hanging mass.
+    """Actuators driven together, each evenly from zero to its value: a coordinate, an effort, or a hanging mass.
 
     Parameters
     ----------
     robot
         The robot.
     texts
-        One for each cable, such as `front=40mm`.
+        One for each actuator, such as `front=40mm`.
     option
         The option that they are of.
 
     Raises
     ------
     InputError
-        For a text that is no pull, a cable that does not exist or is pulled twice, a mass without gravity; all at once.
+        For a text that is no pull, an actuator that does not exist or is driven twice, a mass without gravity; all
+        at once.
     """
     commands = dict(Protocol({}).commands)
     faults: list[Fault] = []
     for text in texts:
         try:
-            cable, control, end = _parsed(robot, text, option)
-            if cable in commands:
-                noun = _noun(robot, cable)
+            name, control, end = _parsed(robot, text, option)
+            if name in commands:
+                noun = _noun(robot, name)
                 raise InputError(Fault(f"the {noun} is pulled twice", option, f"'{text}'", f"one pull for each {noun}"))
-            commands |= pull(robot, cable, control, end).commands
+            commands |= pull(robot, name, control, end).commands
         except InputError as error:
             faults.extend(fault if fault.where else replace(fault, where=option) for fault in error.faults)
     if faults:
@@ -171,7 +172,7 @@ def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:
     InputError
         For too few steps or too many.
     ParameterError
-        If no protocol pulls a cable; for samples whose commands are not proportional to each other.
+        If no protocol drives an actuator; for samples whose commands are not proportional to each other.
     """
     LIMITS["shapes of a film"].check(n, where="--shapes")
     films_by_name: dict[str, Protocol] = {}
@@ -182,12 +183,12 @@ def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:
         if not end.any():
             films_by_name[name] = Protocol({})
         elif np.abs(commands - np.outer(end, end @ commands / (end @ end))).max() > SAME * np.abs(end).max():
-            problem = "the cables' commands are not proportional: the samples are states, not one pull"
+            problem = "the actuators' commands are not proportional: the samples are states, not one pull"
             faults.append(Fault(problem, name, attempt="--pull, or without --shapes, which writes every state"))
         else:
             share = np.linspace(0.0, 1.0, n)
             pulls = zip(protocol.commands.items(), end, strict=True)
-            steps = {cable: Command(command.control, value * share) for (cable, command), value in pulls}
+            steps = {actuator: Command(command.control, value * share) for (actuator, command), value in pulls}
             films_by_name[name] = Protocol(steps)
     if not faults and not any(protocol.commands for protocol in films_by_name.values()):
         faults.append(Fault("nothing is pulled", "--shapes", attempt="--pull"))

@@ -170,8 +170,8 @@ def _configuration(name: str, project: Project, state: State, theta: Mapping[str
     experiment, row = project.experiments[state[0]], state[1]
     rig = experiment.rig_values()
     controls = {
-        cable: Command(command.control, command.values[row : row + 1])
-        for cable, command in commands(experiment, rig).items()
+        actuator: Command(command.control, command.values[row : row + 1])
+        for actuator, command in commands(experiment, rig).items()
     }
     robot = robot_in(project, experiment.name)
     response = simulate(robot, Protocol(controls), snapshots=True)

@@ -49,7 +49,8 @@ def linearise(
     commands
         Actuator -> its effort or coordinate [SI] at the equilibrium, by `controls`; those without one are slack.
     controls
-        What each cable is driven by: "tension", "shortening", or one of these by name of the cables that are driven.
+        What drives each actuator: a control such as "tension" or "shortening" (its effort, where it has no such
+        control), or one by name of each that is driven.
     modes
         Number of modes, beside which there is a coordinate for each input.
     settings

@@ -79,7 +79,8 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     times
         Of the targets [s], for rates and for materials that relax or flow; by default each is held for long.
     controls
-        What each cable is driven by: "tension", "shortening", or one of these by name of the cables that are driven.
+        What drives each actuator: a control such as "tension" or "shortening" (its effort, where it has no such
+        control), or one by name of each that is driven.
     limits
         Channel, or kind of channel such as "tension" -> lowest and highest value [SI], infinite for none.
     rates
@@ -113,7 +114,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     ------
     ParameterError
         With all faults of the targets and the options: unknown channels, values out of range, limits that contradict
-        each other or a target, obstacles in which the robot is at rest; for a parameter or cable that there is not.
+        each other or a target, obstacles in which the robot is at rest; for a parameter or actuator that there is not.
     InputError
         For a twin that is none, arguments of the wrong kind, or an `out` that holds files.
     SimulationError

@@ -56,7 +56,7 @@ def simulate(
     theta
         Values [SI] of robot parameters by dotted name, replacing the robot's own.
     experiment
-        Instead of a protocol: the name of an experiment. Its cables are driven as on the bench, less the slack, with
+        Instead of a protocol: the name of an experiment. Its actuators are driven as on the bench, less the slack, with
         its settings. Optional if the project has only one.
     sensitivities
         Parameters by which the derivative of every channel is computed.
@@ -74,7 +74,7 @@ def simulate(
     Raises
     ------
     ParameterError
-        For an unknown cable, parameter or experiment, or a value out of range; for a protocol that releases a cable
+        For an unknown actuator, parameter or experiment, or a value out of range; for a protocol that releases a cable
         with friction.
     InputError
         For a twin that is none of these, and as `load`.
@@ -195,7 +195,7 @@ def simulate_each(
 
 
 def protocol_of(project: Project, experiment: str = "") -> Protocol:
-    """Protocol of an experiment: its cables driven as on the bench, through the nominal rig.
+    """Protocol of an experiment: its actuators driven as on the bench, through the nominal rig.
 
     Raises
     ------
@@ -237,15 +237,15 @@ def _chosen(project: Project, experiment: str) -> Experiment:
 
 @checked_arguments
 def pull(
-    robot: Robot, cable: str, control: Control, end: float, samples: Annotated[int, FROM_TWO] = PULL_SAMPLES
+    robot: Robot, actuator: str, control: Control, end: float, samples: Annotated[int, FROM_TWO] = PULL_SAMPLES
 ) -> Protocol:
-    """One cable pulled, or another actuator driven, evenly from zero.
+    """One actuator driven evenly from zero, such as a cable that is pulled.
 
     Parameters
     ----------
     robot
         The robot.
-    cable
+    actuator
         Name of the cable or other actuator.
     control
         "tension" or "shortening" of a cable, "pressure" or "volume" of a chamber, "torque" or "angle" of a drive.
@@ -260,17 +260,17 @@ def pull(
         Where the robot has no such cable or actuator, or the end is out of range: that of a cable is above zero.
     """
     known = {part.name: part for part in robot.actuated}
-    if cable not in known:
+    if actuator not in known:
         what = f"the robot has no such {robot.actuator_word}"
-        raise ParameterError(unknown(what, "", cable, known))
-    controls = known[cable].controls
+        raise ParameterError(unknown(what, "", actuator, known))
+    controls = known[actuator].controls
     if control not in controls:
-        raise ParameterError(unknown("it cannot be commanded by this", cable, control, controls))
+        raise ParameterError(unknown("it cannot be commanded by this", actuator, control, controls))
     controls[control].checked(end, where="end")
-    if not end > 0 and known[cable] in robot.cables:
+    if not end > 0 and known[actuator] in robot.cables:
         got = format_quantity(end, controls[control].unit)
-        raise ParameterError(Fault("the end of a pull must be positive", f"{cable}.{control}", got))
-    return Protocol({cable: Command(control, np.linspace(0.0, end, samples))})
+        raise ParameterError(Fault("the end of a pull must be positive", f"{actuator}.{control}", got))
+    return Protocol({actuator: Command(control, np.linspace(0.0, end, samples))})
 
 
 def twin_view(robot: Robot, response: Response) -> TwinView | None:

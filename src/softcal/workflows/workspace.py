@@ -62,7 +62,8 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
         Channel, or kind of channel such as "tension" -> lowest and highest value [SI], infinite for none. Every command
         needs an upper one.
     controls
-        What each cable is driven by: "tension", "shortening", or one of these by name of the cables that are driven.
+        What drives each actuator: a control such as "tension" or "shortening" (its effort, where it has no such
+        control), or one by name of each that is driven.
     pretension
         Least tension of every driven cable [N].
     obstacles
@@ -89,7 +90,7 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
     ------
     ParameterError
         With all faults: unknown channels, more of them than commands, commands without an end, limits that contradict
-        each other; for a parameter or cable that there is not.
+        each other; for a parameter or actuator that there is not.
     InputError
         For a twin that is none, arguments of the wrong kind, or an `out` that holds files.
     SimulationError

@@ -128,7 +128,7 @@ def _order_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
 def _lets_go(experiment: Experiment) -> bool:
     """Whether the samples, one after the other, pull the one driven cable and release it again.
 
-    Samples with labels, and those of several cables, are independent states.
+    Samples with labels, and those of several actuators, are independent states.
     """
     dataset, drive = experiment.dataset, experiment.drive
     if dataset.labels or not isinstance(drive, str) or not experiment.cable:

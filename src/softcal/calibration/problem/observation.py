@@ -56,7 +56,7 @@ def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Comm
 
 
 def protocol_told(robot: Robot, experiment: Experiment, rig: Mapping[str, float]) -> Protocol:
-    """The commands to the twin's cables, with the times of the samples where its materials need them.
+    """The commands to the twin's actuators, with the times of the samples where its materials need them.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def protocol_told(robot: Robot, experiment: Experiment, rig: Mapping[str, float]
 
 
 def control_parameters(experiment: Experiment) -> set[str]:
-    """The rig parameters on which the commands to the twin's cables depend."""
+    """The rig parameters on which the commands to the twin's actuators depend."""
     rig = experiment.rig_values()
     return {name for channel in experiment.drives for name in _controls(experiment, rig, channel)[1]}
 
@@ -109,7 +109,7 @@ def observe(
     experiment, rig
         The experiment, and the rig's parameters in it [SI by name].
     response
-        The twin's. With several driven cables it must have derivatives by each command (`cable1.tension`) that a rig
+        The twin's. With several driven actuators it must have derivatives by each command (`cable1.tension`) that a rig
         parameter among `names` changes.
     samples
         The experiment's own in a response that may have those of others too.
@@ -162,7 +162,7 @@ def _slopes(
     known = response.sensitivities
     by_control = {str(experiment.twin_channel(c)): _controls(experiment, rig, c)[1] for c in experiment.drives}
     slopes = np.zeros((len(response.channels[channels[0]][samples]), len(channels), len(names)))
-    # Where one cable alone is driven, its response has the slopes along the path in the place of derivatives by it.
+    # Where one actuator alone is driven, its response has the slopes along the path in the place of derivatives by it.
     along = np.column_stack([response.slopes[channel] for channel in channels])[samples] if response.slopes else None
     for k, name in enumerate(names):
         if name in known.parameters:  # by way of the commands, too, where the robot remembers those before

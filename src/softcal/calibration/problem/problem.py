@@ -1,7 +1,7 @@
 """The inverse problem: theta in, residuals and loss out. It knows no optimiser.
 
-Experiments that pull the same cables in the same way on a robot of the same parameters share one trajectory: the twin
-is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve, even when each test has its own slack.
+Experiments that drive the same actuators in the same way on a robot of the same parameters share one trajectory: the
+twin is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve, even when each test has its own slack.
 A robot that remembers begins each experiment anew.
 """
 
@@ -201,7 +201,7 @@ class Problem:
     def part(self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool) -> Contribution:
         """What one of its trajectories contributes to the evaluation at theta.
 
-        With the jacobian, as in a search, it shares the load path of one cable with others, and its curve is
+        With the jacobian, as in a search, it shares the load path of one actuator with others, and its curve is
         interpolated the less closely the further it is from the measurements.
 
         Parameters
@@ -333,7 +333,7 @@ class Problem:
             values = {**experiment.settings, **self.space.values_for(experiment.name, theta)}
             of_robot = {name: value for name, value in values.items() if name in known}
             told = commands(experiment, self._rig(experiment, theta))
-            driven = sorted((cable, command.control) for cable, command in told.items())
+            driven = sorted((name, command.control) for name, command in told.items())
             key = (*driven, tuple(sorted(of_robot.items())), experiment.name if self.robot.remembers else "")
             thetas[key] = of_robot
             groups.setdefault(key, []).append((experiment, told))

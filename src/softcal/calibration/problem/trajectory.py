@@ -13,8 +13,8 @@ from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 
 Member = tuple[Experiment, dict[str, Command]]
-# Samples: a longer trajectory of several cables, whose states are no points of one curve, ends with its experiment. The
-# others begin a new one, which another process can solve meanwhile.
+# Samples: a longer trajectory of several actuators, whose states are no points of one curve, ends with its experiment.
+# The others begin a new one, which another process can solve meanwhile.
 _LONG = 100
 
 
@@ -35,28 +35,28 @@ class Trajectory:
 
     def protocol(self) -> Protocol:
         _, first = self.members[0]
-        by = {cable: dict.fromkeys(name for _, told in self.members for name in told[cable].by) for cable in first}
+        by = {name: dict.fromkeys(p for _, told in self.members for p in told[name].by) for name in first}
         return Protocol(
             {
-                cable: Command(
+                name: Command(
                     command.control,
-                    np.concatenate([told[cable].values for _, told in self.members]),
+                    np.concatenate([told[name].values for _, told in self.members]),
                     # A parameter may have no effect on some of them, as the backlash of another test.
                     {
                         p: np.concatenate(
-                            [told[cable].by.get(p, np.zeros_like(told[cable].values)) for _, told in self.members]
+                            [told[name].by.get(p, np.zeros_like(told[name].values)) for _, told in self.members]
                         )
-                        for p in by[cable]
+                        for p in by[name]
                     },
                 )
-                for cable, command in first.items()
+                for name, command in first.items()
             },
             self.members[0][0].times if self.needs_time else None,
         )
 
     def controls(self, free: set[str]) -> list[str]:
-        """What else the response is derived by: commands of several cables, where free rig values change them; or in a
-        robot that remembers these values.
+        """What else the response is derived by: commands of several actuators, where free rig values change them; or in
+        a robot that remembers these values.
         """
         _, told = self.members[0]
         if self.remembers:
@@ -94,7 +94,7 @@ class Trajectory:
 
 
 def shared_out(members: Sequence[Member]) -> list[list[Member]]:
-    """Experiments that can share a trajectory, in several where they drive many cables and one is long."""
+    """Experiments that can share a trajectory, in several where they drive many actuators and one is long."""
     if len(members[0][1]) < 2:
         return [list(members)]
     out: list[list[Member]] = [[]]

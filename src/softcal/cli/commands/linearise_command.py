@@ -18,9 +18,9 @@ def linearise(
     at: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="CABLE=VALUE",
+            metavar="ACTUATOR=VALUE",
             help="The commands: a tension (front=3N), an input of the system, or a shortening (front=4mm), which "
-            "stays; repeat for several cables. Without: all cables slack.",
+            "stays; repeat for several. Without: at rest.",
             show_default=False,
         ),
     ] = None,

@@ -31,7 +31,9 @@ def _option(metavar: str, text: str) -> Any:
 
 By = Annotated[
     list[str] | None,
-    _option("CONTROL", "tension (default) or shortening; or by cable, front=tension: the others are then slack."),
+    _option(
+        "CONTROL", "tension (default), shortening or another; or by actuator, front=tension: the others rest."
+    ),
 ]
 Limit = Annotated[
     list[str] | None,
@@ -97,7 +99,7 @@ class _Options:
         return self.read(lambda: _number(pretension, "N", "--pretension"), 0.0)
 
     def controls(self, by: list[str] | None) -> Any:
-        """The control of all cables, or of each."""
+        """The control of all actuators, or of each."""
         names = [part.strip() for text in by or ["tension"] for part in text.split(",")]
         if len(names) == 1 and "=" not in names[0]:
             return names[0]

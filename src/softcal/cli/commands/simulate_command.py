@@ -28,9 +28,9 @@ def simulate(
     pull: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="CABLE=VALUE",
+            metavar="ACTUATOR=VALUE",
             help="Instead of experiments: pull a cable from zero to a shortening (front=40mm), a tension (front=8N, "
-            "front=2kgf) or by a hanging mass (front.mass=2kg); repeat for several cables.",
+            "front=2kgf) or by a hanging mass (front.mass=2kg); or a chamber (chamber=20kPa); repeat for several.",
             show_default=False,
         ),
     ] = None,

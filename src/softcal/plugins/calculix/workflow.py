@@ -89,7 +89,7 @@ def crosscheck_project(
                 progress(name, "each engine")
     asked = [result for result in found.values() if result.comparisons or result.failed or result.still]
     if asked and all(result.still and not result.failed for result in asked):
-        raise InputError(Fault(NOTHING_MOVES, attempt="--pull CABLE=VALUE"))
+        raise InputError(Fault(NOTHING_MOVES, attempt="--pull ACTUATOR=VALUE"))
     return found
 
 

@@ -61,8 +61,8 @@ def simulate(
     -------
     Response
         With `succeeded` False and a sentence in `status` where a sample could not be reached. With one driven actuator
-        the channels then end before it; with several the others are solved, and `samples` gives the numbers of the samples
-        in the channels. Never raises for a robot that has no equilibrium.
+        the channels then end before it; with several the others are solved, and `samples` gives the numbers of the
+        samples in the channels. Never raises for a robot that has no equilibrium.
 
     Raises
     ------

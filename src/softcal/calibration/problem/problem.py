@@ -1,8 +1,8 @@
 """The inverse problem: theta in, residuals and loss out. It knows no optimiser.
 
 Experiments that drive the same actuators in the same way on a robot of the same parameters share one trajectory: the
-twin is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve, even when each test has its own slack.
-A robot that remembers begins each experiment anew.
+twin is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve, even when each test has its own
+slack. A robot that remembers begins each experiment anew.
 """
 
 from __future__ import annotations

@@ -31,9 +31,7 @@ def _option(metavar: str, text: str) -> Any:
 
 By = Annotated[
     list[str] | None,
-    _option(
-        "CONTROL", "tension (default), shortening or another; or by actuator, front=tension: the others rest."
-    ),
+    _option("CONTROL", "tension (default), shortening or another; or by actuator, front=tension: the others rest."),
 ]
 Limit = Annotated[
     list[str] | None,

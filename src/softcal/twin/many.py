@@ -1,5 +1,5 @@
-"""Samples solved one by one, in their order: several driven cables, or a robot that remembers. Which cables are slack
-follows from equilibrium.
+"""Samples solved one by one, in their order: several driven actuators, or a robot that remembers. Which cables are
+slack follows from equilibrium.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def simulate_many(
     commanded: Mapping[str, str],
 ) -> Response:
     """See `simulate`. There are no slopes, since there is no single control, but derivatives by the commands of some
-    cables.
+    actuators.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ def simulate_many(
     crossings
         Whether crossings of bodies are searched for.
     commanded
-        Channel -> the cable by whose command, as that channel, there are derivatives.
+        Channel -> the actuator by whose command, as that channel, there are derivatives.
     """
-    units, cables = channel_units(twin), tuple(commanded.values())
+    units, driven = channel_units(twin), tuple(commanded.values())
     labels, actuators = (*names, *commanded), [actuator.name for actuator in twin.system.actuators]
-    numbers = np.array([actuators.index(cable) for cable in cables], dtype=np.int64)
+    numbers = np.array([actuators.index(name) for name in driven], dtype=np.int64)
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
@@ -124,7 +124,7 @@ def simulate_many(
                 met = f" From sample {i + 1} on {limit}."
             values.append(sense(twin, state, statics.theta, _coordinates(protocol, i)))
             of_commands = by_command(statics, state, reached.controls, target, numbers)
-            dz, by = np.hstack([reached.by_parameter, of_commands]), (*names, *("" for _ in cables))
+            dz, by = np.hstack([reached.by_parameter, of_commands]), (*names, *("" for _ in driven))
             commanded_rates = dict[str, Floats]()  # a coordinate depends on its own command alone
             for part in _coordinates(protocol, i):
                 command = protocol.commands[part]

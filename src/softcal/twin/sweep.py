@@ -1,4 +1,4 @@
-"""One driven cable: the response to a protocol is one curve in its shortening."""
+"""One driven actuator: the response to a protocol is one curve in its coordinate."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Sweep:
         along = self.along
         try:
             start = along.start()
-            if along.cable is None:
+            if along.actuator is None:
                 path, none = Path((start,), True), np.zeros(protocol.n_samples)
                 values, slopes, by_parameter = along.curve(path.nodes).at(none)
                 numbers = range(1, protocol.n_samples + 1) if self.snapshots == "samples" else (0,)
@@ -47,7 +47,7 @@ class Sweep:
                     succeeded=True,
                 )
                 return self._response(samples, shapes)
-            command = protocol.commands[along.cable]
+            command = protocol.commands[along.actuator]
             coordinate, effort = along.channels
             is_coordinate = command.control == coordinate.name
             read, unit = (by_coordinate, coordinate.unit) if is_coordinate else (by_effort, effort.unit)
@@ -85,7 +85,7 @@ class Sweep:
         return [self._shape(node, node.c if is_coordinate else float(node.state.effort[i]), unit) for node in nodes]
 
     def _shape(self, node: Node, command: float, unit: str) -> Snapshot:
-        return snapshot(self.along.twin, node.state, {self.along.cable or "": command}, command, unit)
+        return snapshot(self.along.twin, node.state, {self.along.actuator or "": command}, command, unit)
 
     def _response(self, samples: Samples, shapes: list[Snapshot]) -> Response:
         along, units, path = self.along, self.along.units, samples.path
@@ -94,8 +94,8 @@ class Sweep:
             snaps += instability(f"at {along.place(*at)}")
         remarks = along.twin.system.remarks(path.nodes[-1].state, along.statics.theta)
         if self.crossings:
-            kind = SHORTENING if along.cable is None else along.channels[0]
-            driven = (along.cable or "", kind)
+            kind = SHORTENING if along.actuator is None else along.channels[0]
+            driven = (along.actuator or "", kind)
             crossed = crossed_on_path(along.twin.skins, along.twin.system.layout, path.nodes, samples.end, driven)
         return Response(
             channels=by_column(units, samples.values),

@@ -19,7 +19,7 @@ from softcal.calibration.run import calibrate
 
 STUDIES = 60
 METHODS = {"jackknife": jackknife, "bootstrap": bootstrap}
-PAIRS = (("six", "cables"), ("six", "markers"), ("six-off", "markers"), ("six-pulled", "cables"))
+PAIRS = (("six", "actuators"), ("six", "markers"), ("six-off", "markers"), ("six-pulled", "actuators"))
 
 
 def coverage(name: str, over: str, studies: int) -> dict[str, np.ndarray]:

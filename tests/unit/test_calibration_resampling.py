@@ -289,12 +289,12 @@ def test_pieces_of_records_are_said_not_to_show_that_experiments_differ() -> Non
 def test_what_is_a_group():
     problem = markers(1)
     blocks = problem.evaluate(problem.space.start, jacobian=True).blocks
-    found = {kind: groups_of(problem, blocks, kind) for kind in ("experiments", "cables", "weights", "markers")}
+    found = {kind: groups_of(problem, blocks, kind) for kind in ("experiments", "actuators", "weights", "markers")}
     names = {kind: {name for held in groups for name in held} for kind, groups in found.items()}
-    assert names["experiments"] == names["cables"] == set(CABLES)
+    assert names["experiments"] == names["actuators"] == set(CABLES)
     assert names["markers"] == set(MARKERS)
     assert names["weights"] == {"5 N", "10 N", "15 N"}
-    assert set(KINDS) == {"experiments", "cables", "weights", "markers", "cycles", "records"}
+    assert set(KINDS) == {"experiments", "actuators", "weights", "markers", "cycles", "records"}
 
 
 def test_cycles_are_groups_where_a_record_has_them():

@@ -53,7 +53,7 @@ class Step:
 class Dataset(Checked):
     """Measured channels of equal length, and their provenance.
 
-    With several cables or markers the channels have the twin's names: `cable1.tension`, `m4.x`; `m4.x_sd` is the
+    With several actuators or markers the channels have the twin's names: `cable1.tension`, `m4.x`; `m4.x_sd` is the
     standard deviation of each value. `shortening` is the crosshead's travel (slack included), `tension` the cable's at
     the neck after the correction of pulley friction.
 

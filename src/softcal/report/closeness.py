@@ -32,7 +32,7 @@ _WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
 class Miss:
     """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the noise if known.
 
-    word: for its kind; carrier: the cable, plate or sensor, "" of a short name.
+    word: for its kind; carrier: the actuator, plate or sensor, "" of a short name.
     """
 
     experiment: str

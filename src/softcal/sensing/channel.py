@@ -23,7 +23,7 @@ class ChannelName:
     kind
         Kind of quantity.
     carrier
-        The cable, plate, marker or sensor; "" in a short name, such as `tension`.
+        The actuator, plate, marker or sensor; "" in a short name, such as `tension`.
     is_deviation
         True for the standard deviation of the channel.
     """

@@ -124,7 +124,7 @@ def intervals(  # noqa: PLR0913 (one keyword for each option)
         "profile": fits with one parameter fixed; "posterior": draws by emcee with a surrogate of the twin;
         "jackknife": one group of measurements left out at a time; "bootstrap": groups with random weights.
     over
-        Of a jackknife or a bootstrap, the kind of group: "experiments", "cables", "weights", "markers", "cycles", or
+        Of a jackknife or a bootstrap, the kind of group: "experiments", "actuators", "weights", "markers", "cycles", or
         pieces of the "records". By default experiments, of three or more, else records.
     calibration
         Label of a run's calibration; by default the joint one, else the first.

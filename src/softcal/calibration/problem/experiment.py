@@ -121,8 +121,8 @@ class Experiment(Checked):
                     "there is nothing to compare with the twin",
                     self.name,
                     got=f"{driving}, which drives it" if driving else "no channel of the twin",
-                    allowed="positions, angles, or the tension or shortening that does not drive the twin",
-                    attempt="what was measured beside it; to pull a cable without a measurement, simulate --pull",
+                    allowed="positions, angles, or the coordinate or effort that does not drive the twin",
+                    attempt="what was measured beside it; to drive the twin without a measurement, simulate --pull",
                 )
             )
         faults += [

@@ -3,7 +3,7 @@
 | kind        | a group is                                                                   |
 |-------------|------------------------------------------------------------------------------|
 | experiments | all of an experiment                                                         |
-| cables      | all experiments that pull the same cables                                    |
+| actuators   | all experiments that drive the same actuators                                |
 | weights     | all states under the same prescribed tensions, of whatever cable             |
 | markers     | all positions of a marker or plate                                           |
 | cycles      | one cycle of a record that holds several                                     |
@@ -73,9 +73,9 @@ def groups_of(problem: Problem, blocks: Sequence[Block], kind: str) -> list[np.n
     return found
 
 
-def _cables(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
-    pulled = [experiment.twin_channel(channel).carrier for channel in experiment.drives]
-    return [" and ".join(pulled) or NONE] * experiment.dataset.n_samples
+def _actuators(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
+    driven = [experiment.twin_channel(channel).carrier for channel in experiment.drives]
+    return [" and ".join(driven) or NONE] * experiment.dataset.n_samples
 
 
 def _weights(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
@@ -108,7 +108,7 @@ def _records(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labe
 
 KINDS: Mapping[str, Callable[[Experiment, Block, Sequence[Block]], Labels]] = {
     "experiments": lambda experiment, block, own: [experiment.name] * experiment.dataset.n_samples,
-    "cables": _cables,
+    "actuators": _actuators,
     "weights": _weights,
     "markers": lambda experiment, block, own: [block.point or NONE] * experiment.dataset.n_samples,
     "cycles": _cycles,

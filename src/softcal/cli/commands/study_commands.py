@@ -24,8 +24,8 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
         str,
         typer.Option(
             metavar="GROUPS",
-            help="What a jackknife or bootstrap takes as one: experiments, cables, weights, markers, cycles or records "
-            "(pieces of them).",
+            help="What a jackknife or bootstrap takes as one: experiments, actuators, weights, markers, cycles or "
+            "records (pieces of them).",
             show_default=False,
         ),
     ] = "",

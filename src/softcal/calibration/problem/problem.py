@@ -136,8 +136,8 @@ class Problem:
     Raises
     ------
     InputError
-        For two experiments of one name, an actuator or plate that the robot does not have, a free parameter of no effect,
-        a prior that the loss does not count, a parameter that is uncertain and free, or a channel that the loss
+        For two experiments of one name, an actuator or plate that the robot does not have, a free parameter of no
+        effect, a prior that the loss does not count, a parameter that is uncertain and free, or a channel that the loss
         cannot judge.
     """
 

@@ -1,8 +1,8 @@
 """The scatter of the minimum without one group of measurements at a time: actuators, weights, markers, experiments.
 
 The noise of single samples says nothing of errors that all samples of an actuator, or all positions of a marker, have
-in common. The values without each group, d_g away from the joint ones, say it (the jackknife of clusters: Efron 1982; CR3
-of Bell and McCaffrey, Survey Methodology 28, 2002):
+in common. The values without each group, d_g away from the joint ones, say it (the jackknife of clusters: Efron 1982;
+CR3 of Bell and McCaffrey, Survey Methodology 28, 2002):
 
     covariance = (k - 1) / k sum d_g d_g^T
 

@@ -91,8 +91,13 @@ def main() -> None:
             page.set_default_timeout(120_000)
             page.goto(address)
             click_finger(page)
-            page.wait_for_timeout(1000)
-            page.screenshot(path=PICTURE, clip={"x": 0, "y": 0, "width": 1240, "height": 900}, full_page=True)
+            # The last click has begun another check.
+            page.wait_for_timeout(3000)
+            page.locator('[data-fact="state"]').get_by_text("No fault.").wait_for()
+            page.evaluate("window.scrollTo(0, 0)")
+            below = page.locator('[data-fact="file"]').bounding_box()
+            clip = {"x": 0, "y": 0, "width": 1240, "height": below["y"] + 320}
+            page.screenshot(path=PICTURE, clip=clip, full_page=True)
             shown.close()
         finally:
             server.terminate()

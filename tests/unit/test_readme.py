@@ -46,6 +46,13 @@ def test_every_script_of_the_gallery_is_listed(repository: Path):
     assert {path for path in scripts if f"](../{path})" not in text} == set()
 
 
+def test_what_is_not_released_is_not_installed_by_its_name(repository: Path):
+    versions = (repository / "docs" / "versions.md").read_text(encoding="utf-8")
+    pages = [path for place in ("README.md", "docs/*.md", "examples/*/README.md") for path in repository.glob(place)]
+    told = [path.name for path in pages if re.search(r"pip install '?softcal", path.read_text(encoding="utf-8"))]
+    assert not told or "Nothing has been released yet" not in versions
+
+
 def test_the_top_of_the_project_file_is_listed(repository: Path):
     table = (repository / "docs" / "project-file.md").read_text(encoding="utf-8").split("## laws")[0]
     assert set(re.findall(r"^\| `(\w+)(?:: 1)?` \|", table, re.MULTILINE)) == set(SECTIONS)

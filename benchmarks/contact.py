@@ -35,7 +35,7 @@ Computed by `python -m benchmarks.contact`. The neck of `examples/neck` ({tets:,
 ν {ratio:.2g}, pulled to 58 mm. Contact has no gap: points on a surface press on the core of the surface that they
 meet ([how](mechanics.md)). What is left to choose is how far surfaces overlap: at the `depth`, by default 0.04 of the
 mean edge of the surface, the pressure is the `stiffness`, by default four times the mean modulus. {stiffer:.0f}
-times as stiff, the overlap is about a quarter.
+times as stiff, the overlap is about a quarter. When to set contact, and how to see it: [parts that touch](touching.md).
 """
 
 

@@ -60,6 +60,23 @@ def test_the_versions_that_are_tested_are_those_that_the_project_takes() -> None
     assert {one.partition("-")[0] for one in matrix["os"]} == {"ubuntu", "macos", "windows"}
 
 
+def test_the_classifiers_are_the_versions_and_systems_of_the_workflow() -> None:
+    of_runner = {"ubuntu": "POSIX :: Linux", "macos": "MacOS", "windows": "Microsoft :: Windows"}
+    matrix = read(ROOT / ".github/workflows/tests.yml")["jobs"]["others"]["strategy"]["matrix"]
+    systems = {f"Operating System :: {of_runner[one.partition('-')[0]]}" for one in matrix["os"]}
+    versions = {f"Programming Language :: Python :: {version}" for version in PYTHONS}
+    told = {one for one in PROJECT["classifiers"] if one.startswith(("Operating System", "Programming Language"))}
+    assert told == systems | versions | {"Programming Language :: Python :: 3"}
+
+
+def test_the_image_of_a_cluster_has_the_libraries_of_the_containerfile() -> None:
+    ours, page = ((ROOT / file).read_text(encoding="utf-8") for file in ("Containerfile", "docs/cluster.md"))
+    libraries = set(re.findall(r"\slib[a-z0-9-]+", ours))
+    assert len(libraries) == 8
+    (image,) = re.findall(r"    FROM python.*\n(?:    .*\n)+", page)
+    assert set(re.findall(r"\slib[a-z0-9-]+", image)) == libraries
+
+
 @pytest.mark.parametrize("path", WORKFLOWS, ids=name)
 def test_a_workflow_may_only_read_unless_a_job_says_more(path: Path) -> None:
     assert read(path)["permissions"] == {"contents": "read"}

@@ -36,8 +36,10 @@ def built(source: Path, target: str = "wheel") -> str:
 def source(tmp_path: Path) -> Path:
     """A source tree with the files that tell a version, in a repository of one commit without a tag."""
     folder = tmp_path / "source"
-    (folder / "src" / "softcal").mkdir(parents=True)
-    for name in (".git_archival.txt", ".gitattributes", "LICENSE", "NOTICE", "README.md", "src/softcal/__init__.py"):
+    for place in ("src/softcal", "scripts"):
+        (folder / place).mkdir(parents=True)
+    copied = (".git_archival.txt", ".gitattributes", "LICENSE", "NOTICE", "README.md")
+    for name in (*copied, "scripts/readme_hook.py", "src/softcal/__init__.py"):
         shutil.copy(ROOT / name, folder / name)
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     (folder / "pyproject.toml").write_text(re.sub(r'(?m)^"examples/.*\n', "", text), encoding="utf-8")

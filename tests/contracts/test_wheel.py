@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import venv
@@ -9,6 +10,8 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
+
+from scripts.readme_hook import absolute
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,6 +31,27 @@ def test_a_wheel_has_the_licence_and_the_notice(wheel: Path) -> None:
         (place,) = {name.partition("/")[0] for name in packed.namelist() if ".dist-info/" in name}
         for name in ("LICENSE", "NOTICE"):
             assert packed.read(f"{place}/licenses/{name}") == (ROOT / name).read_bytes()
+
+
+def test_links_of_the_readme_become_addresses_of_a_version() -> None:
+    text = absolute("[![a](b.png)](c) [d](e.md#f) [g](https://h) [i](#j)", "R", "v1")
+    assert text == "[![a](R/raw/v1/b.png)](R/blob/v1/c) [d](R/blob/v1/e.md#f) [g](https://h) [i](#j)"
+
+
+def test_every_link_of_the_description_is_an_address_of_a_file_that_is_there(wheel: Path) -> None:
+    with ZipFile(wheel) as packed:
+        (place,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA"))
+        described = packed.read(place).decode("utf-8")
+    head, _, text = described.partition("\n\n")
+    repository = re.findall(r"^Project-URL: Repository, (.*)$", head, re.MULTILINE)[0]
+    links = re.findall(r"(!?)\[[^]]*\]\(([^)]*)\)", text)
+    assert len(links) > 20
+    assert sum(bool(picture) for picture, _ in links) == 1
+    for picture, address in links:
+        if not address.startswith("https://") or address.startswith(repository):
+            kind, _, path = address.removeprefix(f"{repository}/").partition("/")
+            assert kind == ("raw" if picture else "blob"), address
+            assert (ROOT / path.partition("/")[2].partition("#")[0]).exists(), address
 
 
 @pytest.mark.slow  # starts a program in an environment of its own

@@ -248,6 +248,7 @@ def _a_heavy_bar(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any
 
 
 @finds("docs/reach.md")
+@finds("docs/touching.md")
 @finds("docs/workspace.md")
 def _a_bar(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     write_project(folder)

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 import softcal
+from softcal.materials.catalogue import LAWS
+from softcal.project.sections import SECTIONS
 
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "VISION.md", "SECURITY.md")
 DOCUMENTS += tuple(f"docs/{page}.md" for page in ("index", "python", "cad", "security"))
@@ -29,6 +31,32 @@ def test_the_parts_of_the_site_have_every_page(repository: Path):
     text = "".join((repository / "docs" / part).read_text(encoding="utf-8") for part in parts)
     pages = {path.name for path in (repository / "docs").glob("*.md")} - {"index.md", *parts}
     assert {page for page in pages if f"]({page})" not in text} == set()
+
+
+def test_the_number_of_laws_is_that_of_the_catalogue(repository: Path):
+    told = {"README.md": r"(\d+) \[laws\]", "docs/comparison.md": r"^\| laws \| (\d+),"}
+    for document, pattern in told.items():
+        (number,) = re.findall(pattern, (repository / document).read_text(encoding="utf-8"), re.MULTILINE)
+        assert int(number) == len(LAWS), document
+
+
+def test_every_script_of_the_gallery_is_listed(repository: Path):
+    text = (repository / "docs" / "how-to.md").read_text(encoding="utf-8")
+    scripts = {path.relative_to(repository).as_posix() for path in repository.glob("gallery/*/plot_*.py")}
+    assert {path for path in scripts if f"](../{path})" not in text} == set()
+
+
+def test_what_is_not_released_is_not_installed_by_its_name(repository: Path):
+    versions = (repository / "docs" / "versions.md").read_text(encoding="utf-8")
+    pages = [path for place in ("README.md", "docs/*.md", "examples/*/README.md") for path in repository.glob(place)]
+    told = [path.name for path in pages if re.search(r"pip install '?softcal", path.read_text(encoding="utf-8"))]
+    assert not told or "Nothing has been released yet" not in versions
+
+
+def test_the_top_of_the_project_file_is_listed(repository: Path):
+    table = (repository / "docs" / "project-file.md").read_text(encoding="utf-8").split("## laws")[0]
+    assert set(re.findall(r"^\| `(\w+)(?:: 1)?` \|", table, re.MULTILINE)) == set(SECTIONS)
+    assert all(f"`{folder.name}`" in table for folder in (repository / "src/softcal/templates").iterdir())
 
 
 def test_the_make_targets_exist(repository: Path):

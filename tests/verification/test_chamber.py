@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import blown_box, elastic
+from mechanics_cases import blown_box, elastic, require_derivatives
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from scipy.special import erf
@@ -249,6 +249,32 @@ def test_work_round_a_closed_loop_is_zero(element: str):
         by = state.by_commands()
         assert by["main.volume", "front.tension"] == pytest.approx(by["front.shortening", "main.pressure"], rel=1e-8)
         assert abs(by["main.volume", "front.tension"]) > 1e-3 * abs(by["main.volume", "main.pressure"] * 1e3)
+
+
+def bent_box(element: str) -> Robot:
+    """A hanging box of gas, with a heavy plate on a part of one side, which turns as it is blown up."""
+    robot = replace(blown_box(element, is_open=True, medium="gas"), gravity=np.array([0.0, 0.0, 9.81]))
+    x, _, z = robot.bodies[0].mesh.points.T
+    nodes = np.flatnonzero((x > 0.0199) & (z > 0.0))
+    return replace(robot, plates=(Plate("plate", {"box": nodes}, np.array([0.02, 0.0, 0.02]), mass=0.1),))
+
+
+BY = {
+    "box.youngs_modulus": 1e2,
+    "box.poissons_ratio": 1e-5,
+    "main.dead_volume": 1e-8,
+    "main.hose_compliance": 1e-14,
+    "main.polytropic_exponent": 1e-5,
+}
+
+
+@pytest.mark.parametrize("element", ["P1", pytest.param("P2", marks=pytest.mark.slow), "P2P1"])
+@pytest.mark.parametrize(("control", "value"), [("pressure", -2e4), ("volume", 3e-6)])
+def test_every_channel_of_a_chamber_follows_every_parameter(element, control, value, monkeypatch):
+    """Pumped, pressure and plate follow what the gas in the hose takes up too; at a pressure the volume alone does."""
+    protocol = Protocol({"main": Command(control, np.array([value]))})
+    moved = "main.volume" if control == "pressure" else "plate.yaw"
+    require_derivatives(bent_box(element), protocol, BY, monkeypatch, moved=moved)
 
 
 def test_a_chamber_of_gas_moves_in_time_to_the_states_at_rest():

@@ -132,6 +132,14 @@ def blown_box(element: str, *, is_open: bool, medium: str) -> Robot:
     return Robot((body,), actuators=(NamedActuator("main", chamber),))
 
 
+def bent_box(element: str) -> Robot:
+    """A hanging box of gas, with a heavy plate on a part of one side, which turns as it is blown up."""
+    robot = replace(blown_box(element, is_open=True, medium="gas"), gravity=np.array([0.0, 0.0, 9.81]))
+    x, _, z = robot.bodies[0].mesh.points.T
+    nodes = np.flatnonzero((x > 0.0199) & (z > 0.0))
+    return replace(robot, plates=(Plate("plate", {"box": nodes}, np.array([0.02, 0.0, 0.02]), mass=0.1),))
+
+
 def hanging_finger(element: str, *, is_open: bool) -> Robot:
     """A square bar that hangs from its foot, with a chamber on one side, which bends it."""
     size, divisions = np.array((0.016, 0.016, 0.06)), (4, 4, 8)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import blown_box, elastic, require_derivatives
+from mechanics_cases import bent_box, blown_box, elastic, require_derivatives
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from scipy.special import erf
@@ -249,14 +249,6 @@ def test_work_round_a_closed_loop_is_zero(element: str):
         by = state.by_commands()
         assert by["main.volume", "front.tension"] == pytest.approx(by["front.shortening", "main.pressure"], rel=1e-8)
         assert abs(by["main.volume", "front.tension"]) > 1e-3 * abs(by["main.volume", "main.pressure"] * 1e3)
-
-
-def bent_box(element: str) -> Robot:
-    """A hanging box of gas, with a heavy plate on a part of one side, which turns as it is blown up."""
-    robot = replace(blown_box(element, is_open=True, medium="gas"), gravity=np.array([0.0, 0.0, 9.81]))
-    x, _, z = robot.bodies[0].mesh.points.T
-    nodes = np.flatnonzero((x > 0.0199) & (z > 0.0))
-    return replace(robot, plates=(Plate("plate", {"box": nodes}, np.array([0.02, 0.0, 0.02]), mass=0.1),))
 
 
 BY = {

@@ -27,9 +27,9 @@ from softcal.twin.build import build_twin
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.live import LiveTwin
 from softcal.twin.material import Material
-from softcal.twin.parameters import with_parameters
+from softcal.twin.parameters import parameter_values, with_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.response import Response
+from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Tie, ViaPoint
 from softcal.twin.schedule import Schedule, ramp
 from softcal.twin.simulate import simulate
@@ -267,6 +267,85 @@ def test_every_channel_of_a_chamber_follows_every_parameter(element, control, va
     protocol = Protocol({"main": Command(control, np.array([value]))})
     moved = "main.volume" if control == "pressure" else "plate.yaw"
     require_derivatives(bent_box(element), protocol, BY, monkeypatch, moved=moved)
+
+
+def gas_of(robot: Robot, name: str, shape: Snapshot, pumped: float = 0.0) -> float:
+    """(p + p_atm) (V + Vd)^gamma in a shape over that at rest, with the volume of gas that a pump still holds."""
+    term = next(one for one in build_twin(robot).system.of(ChamberTerm) if one.name == name)
+    filling = term.filling(parameter_values(robot))
+    (points,) = shape.points.values()
+    left = (term.volume(points) - term.rest_volume - pumped) / filling.gas
+    return (1.0 + shape.efforts[name] / ATMOSPHERE) * (1.0 + left) ** filling.exponent
+
+
+@pytest.mark.parametrize("by", ["cable", "weight"])
+def test_a_closed_amount_of_gas_keeps_its_law_under_another_load(by: str, monkeypatch):
+    """With a pump that stands still, at zero and elsewhere: the pressure changes as what presses on the walls does."""
+    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
+    robot = with_parameters(blown_box("P1", is_open=True, medium="gas"), {"main.hose_compliance": 0.0})
+    tensions, told = np.array([5.0, 20.0, 40.0]), dict[str, Command]()
+    if by == "cable":
+        at = np.array([0.015, 0.012, 0.02])
+        cable = Cable("front", (ViaPoint(at, "box", radius=0.006), ViaPoint(at * [1.0, 1.0, -1.5])))
+        robot, told = replace(robot, cables=(cable,)), {"front": Command("tension", tensions)}
+    else:
+        weight = PointLoad("weight", "box", np.array([0.01, 0.015, 0.02]), np.array([0.0, 0.0, -20.0]))
+        robot = replace(robot, loads=(weight,))
+    pressures = []
+    for pumped in (0.0, 2e-6):
+        closed = {"main": Command("volume", np.full(len(tensions) if told else 1, pumped))}
+        response = simulate(robot, Protocol({**told, **closed}), snapshots=True, curve_tolerance=0.0)
+        assert response.succeeded, response.status
+        # The way to a weight, or to another volume, begins with an open chamber.
+        for shape in response.snapshots[-1:] if pumped or by == "weight" else response.snapshots:
+            assert gas_of(robot, "main", shape, pumped) == pytest.approx(1.0, abs=1e-8)
+        pressures.append(response.channels["main.pressure"])
+    assert abs(pressures[0][-1]) > 300.0
+    assert not np.allclose(pressures[0], pressures[1], rtol=0.1)
+
+
+def two_chambers(element: str) -> Robot:
+    """A thick bar that is fixed at one side, with two closed cavities of gas beside each other."""
+    size, divisions = np.array((0.05, 0.03, 0.03)), (5, 3, 3)
+    mesh = box_mesh(size, divisions)
+    cell = (mesh.points[mesh.tets].mean(axis=1) / (size / divisions)).astype(int)
+    inside = (cell[:, 1:] == 1).all(axis=1) & np.isin(cell[:, 0], (1, 3))
+    mesh = drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside], {"foot": mesh.node_sets["x0"]}))
+    faces = boundary_faces(mesh)
+    middle = mesh.points[faces].mean(axis=1)
+    wall = ((middle > 1e-9) & (middle < size - 1e-9)).all(axis=1)
+    body = Body("bar", mesh, mesh.node_sets["foot"], elastic(3e5, 0.45), element=element)
+    near, far = (wall & (middle[:, 0] < 0.025), wall & (middle[:, 0] > 0.025))
+    chambers = [NamedActuator("near", Chamber({"bar": faces[near]}, dead_volume=1e-6))]
+    chambers.append(NamedActuator("far", Chamber({"bar": faces[far]}, dead_volume=2e-6, polytropic_exponent=1.4)))
+    return Robot((body,), actuators=tuple(chambers))
+
+
+@pytest.mark.parametrize("element", ["P1", "P2P1"])
+def test_two_chambers_of_one_robot_are_driven_each(element: str):
+    """Each takes by the other's pressure what that one takes by its own; by volumes they come to the same state."""
+    robot, pressures = two_chambers(element), {"near": 3e4, "far": -1e4}
+    twin = LiveTwin(robot, dict.fromkeys(pressures, "pressure"))
+    state = twin.at(pressures)
+    assert state.succeeded, state.status
+    by = state.by_commands()
+    assert by["near.volume", "far.pressure"] == pytest.approx(by["far.volume", "near.pressure"], rel=1e-8)
+    assert abs(by["near.volume", "far.pressure"]) > 1e-3 * by["near.volume", "near.pressure"]
+    pumped = {name: Command("volume", np.array([state.channels[f"{name}.volume"]])) for name in pressures}
+    again = simulate(robot, Protocol(pumped), curve_tolerance=0.0)
+    for name, pressure in pressures.items():
+        assert again.channels[f"{name}.pressure"][0] == pytest.approx(pressure, rel=1e-6)
+
+
+def test_a_closed_chamber_keeps_its_gas_as_another_is_driven(monkeypatch):
+    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
+    robot, driven = two_chambers("P2P1"), np.array([1e4, 4e4, -3e4])
+    closed = {"near": Command("volume", np.zeros(len(driven))), "far": Command("pressure", driven)}
+    response = simulate(robot, Protocol(closed), snapshots=True, curve_tolerance=0.0)
+    assert response.succeeded, response.status
+    assert np.ptp(response.channels["near.pressure"]) > 100.0
+    for shape in response.snapshots:
+        assert gas_of(robot, "near", shape) == pytest.approx(1.0, abs=1e-8)
 
 
 def test_a_chamber_of_gas_moves_in_time_to_the_states_at_rest():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -38,7 +38,8 @@ class Candidate(Checked):
     control
         Its coordinate or its effort, by which it is driven, such as "tension"; "" for the same.
     reach
-        Its largest value [SI], such as a tension's [N]; of several actuators the others in proportion. None: as far.
+        Its largest value [SI], such as a tension's [N], or of a vacuum its lowest pressure [Pa], below zero; of several
+        actuators the others in proportion. None: as far.
     samples
         Number of samples; 0 for as many.
     measured
@@ -87,8 +88,8 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
         raise InputError(unknown(what, candidate.name, candidate.control, sorted(controls)))
     drives = {_renamed(channel, candidate, like, is_drive=True): channel for channel in driven}
     values = {name: _commands(candidate, like, old, name) for name, old in drives.items()}
-    largest = max((float(np.abs(one).max()) for one in values.values()), default=0.0)
-    if candidate.reach is not None and largest > 0.0:
+    largest = largest_of(values.values())
+    if candidate.reach is not None and largest != 0.0:
         values = {name: one * (candidate.reach / largest) for name, one in values.items()}
     n = candidate.samples or like.dataset.n_samples
     share = np.linspace(0.0, 1.0, n)
@@ -113,6 +114,11 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
         compared=compared,
         settings={k: v for k, v in like.settings.items() if not k.startswith(gone)} | dict(candidate.settings),
     )
+
+
+def largest_of(commands: Iterable[Floats]) -> float:
+    """The value [SI] of the largest magnitude, below zero where that is a vacuum or a turn backwards; 0 of none."""
+    return max((float(one[np.argmax(np.abs(one))]) for one in commands), key=abs, default=0.0)
 
 
 def controls_of(like: Experiment) -> set[str]:
@@ -193,7 +199,8 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
     kind = other_of(channel_name(old).kind)
     other = next((c for c in like.dataset.channels if like.twin_channel(c) == ChannelName(kind, _driven(like))), None)
     if other is not None:
-        most = float(np.nanmax(like.dataset.values(other)))
+        measured = like.dataset.values(other)
+        most = largest_of([measured[np.isfinite(measured)]])
     elif candidate.reach is not None:
         most = candidate.reach
     else:

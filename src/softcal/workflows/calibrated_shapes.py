@@ -85,11 +85,12 @@ def furthest_response(project: Project, result: SearchResult, *, after_search: b
 
 
 def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:
-    """The experiment with the largest drive."""
+    """The experiment with the largest drive, of either sign: a vacuum too."""
 
     def reach(name: str) -> float:
         experiment = project.experiments[name]
-        return max((float(np.max(experiment.dataset.values(drive))) for drive in experiment.drives), default=0.0)
+        drives = (np.abs(experiment.dataset.values(drive)) for drive in experiment.drives)
+        return max((float(np.max(values)) for values in drives), default=0.0)
 
     return max(experiments, key=reach)
 

@@ -272,15 +272,18 @@ def test_workers_calibrate_it(push_rod: ModuleType, tmp_path: Path, monkeypatch:
     assert here.headline.loss == there.headline.loss
 
 
+REFUSED = {"calculix": "CalculiX", "sofa": "SOFA"}
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=[pytest.mark.slow] if one in ("reduced", "web") else []) for one in EXPORTS]
+    "name", [pytest.param(one, marks=[] if one in REFUSED else [pytest.mark.slow]) for one in EXPORTS]
 )
 def test_an_export_has_it_or_refuses_it(name: str, push_rod: ModuleType, tmp_path: Path) -> None:
-    request, known = ExportRequest(free_rod_project(tmp_path / "project")), {"calculix": "CalculiX", "sofa": "SOFA"}
-    if name not in known:
+    request = ExportRequest(free_rod_project(tmp_path / "project"))
+    if name not in REFUSED:
         assert write_export(name, request, tmp_path / "out")
         return
-    told = f"motor: this actuator is not exported to {known[name]}; got push-rod; allowed: cable, chamber, drive"
+    told = f"motor: this actuator is not exported to {REFUSED[name]}; got push-rod; allowed: cable, chamber, drive"
     with pytest.raises(ParameterError, match=told):
         write_export(name, request, tmp_path / "out")
 

@@ -270,7 +270,7 @@ def test_the_slider_of_a_vacuum_goes_from_the_lowest_pressure_to_none():
     for shape in response.snapshots:
         shown = read.state({"main": shape.drive})["coordinates"]["tip.x"]
         assert shown == pytest.approx(shape.markers["tip"][0], abs=1e-7)
-    assert frame.caption.startswith("The twin along its test: ")
+    assert frame.caption.startswith("The twin along its load path: ")
     assert "within" in frame.caption
 
 

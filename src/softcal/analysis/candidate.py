@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
 
-from softcal.calibration.problem.experiment import Experiment, rig_kind
+from softcal.calibration.problem.experiment import Experiment, largest_of, rig_kind
 from softcal.calibration.problem.scope import P
 from softcal.checks import Floats
 from softcal.declare import Checked
@@ -116,11 +116,6 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
     )
 
 
-def largest_of(commands: Iterable[Floats]) -> float:
-    """The value [SI] of the largest magnitude, below zero where that is a vacuum or a turn backwards; 0 of none."""
-    return max((float(one[np.argmax(np.abs(one))]) for one in commands), key=abs, default=0.0)
-
-
 def controls_of(like: Experiment) -> set[str]:
     """Coordinates and efforts by which the actuators of an experiment can be driven."""
     return {kind.name for c in like.drives for kind in of_actuator(like.twin_channel(c).kind)}
@@ -199,8 +194,7 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
     kind = other_of(channel_name(old).kind)
     other = next((c for c in like.dataset.channels if like.twin_channel(c) == ChannelName(kind, _driven(like))), None)
     if other is not None:
-        measured = like.dataset.values(other)
-        most = largest_of([measured[np.isfinite(measured)]])
+        most = largest_of([like.dataset.values(other)])
     elif candidate.reach is not None:
         most = candidate.reach
     else:

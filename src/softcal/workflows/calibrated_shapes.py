@@ -86,13 +86,7 @@ def furthest_response(project: Project, result: SearchResult, *, after_search: b
 
 def furthest_experiment(project: Project, experiments: Sequence[str]) -> str:
     """The experiment with the largest drive, of either sign: a vacuum too."""
-
-    def reach(name: str) -> float:
-        experiment = project.experiments[name]
-        drives = (np.abs(experiment.dataset.values(drive)) for drive in experiment.drives)
-        return max((float(np.max(values)) for values in drives), default=0.0)
-
-    return max(experiments, key=reach)
+    return max(experiments, key=lambda name: abs(project.experiments[name].reach))
 
 
 def furthest_responses(project: Project, results: Mapping[str, SearchResult]) -> dict[str, Response]:

@@ -1,4 +1,4 @@
-"""The twin along its test, for a frame of the report: the shapes that its load path has, and splines between them."""
+"""The twin along its load path, for a frame of the report: the shapes that this has, and splines between them."""
 
 from __future__ import annotations
 
@@ -100,8 +100,7 @@ def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
     page = twin_page("", data)
     if len(page) > MOST_LETTERS:
         return None
-    way = "pull" if pulled[0] in first.cables else "test"
-    told = f"The twin along its {way}: {len(shapes)} equilibria of its load path, and splines between them"
+    told = f"The twin along its load path: {len(shapes)} equilibria, and splines between them"
     if control:
         along = response.channels[driven.derivative]
         kept = (along >= places[0]) & (along <= places[-1])

@@ -24,10 +24,12 @@ from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.material import Winding
-from softcal.twin.parameters import parameter_values
+from softcal.twin.parameters import parameter_values, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
+from softcal.twin.simulate import simulate
 
+NONE: dict[str, float] = {}
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared"
 
 
@@ -130,6 +132,14 @@ def blown_box(element: str, *, is_open: bool, medium: str) -> Robot:
     return Robot((body,), actuators=(NamedActuator("main", chamber),))
 
 
+def bent_box(element: str) -> Robot:
+    """A hanging box of gas, with a heavy plate on a part of one side, which turns as it is blown up."""
+    robot = replace(blown_box(element, is_open=True, medium="gas"), gravity=np.array([0.0, 0.0, 9.81]))
+    x, _, z = robot.bodies[0].mesh.points.T
+    nodes = np.flatnonzero((x > 0.0199) & (z > 0.0))
+    return replace(robot, plates=(Plate("plate", {"box": nodes}, np.array([0.02, 0.0, 0.02]), mass=0.1),))
+
+
 def hanging_finger(element: str, *, is_open: bool) -> Robot:
     """A square bar that hangs from its foot, with a chamber on one side, which bends it."""
     size, divisions = np.array((0.016, 0.016, 0.06)), (4, 4, 8)
@@ -214,6 +224,39 @@ def tensed(*values: float, cable: str = "front") -> Protocol:
 
 def twin_and_theta(robot: Robot) -> tuple[Twin, dict[str, float]]:
     return build_twin(robot), parameter_values(robot)
+
+
+def require_derivatives(
+    robot: Robot,
+    protocol: Protocol,
+    steps: Mapping[str, float],
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    error: float = 1e-6,
+    at: Mapping[str, float] = NONE,
+    moved: str = "plate.z",
+) -> None:
+    """All channels' derivatives by parameters agree with central differences of whole simulations, but for these'
+    rounding. steps: of the differences; at: values of parameters, by default the robot's own; moved: a channel that
+    each of the parameters changes.
+    """
+    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
+    values = parameter_values(with_parameters(robot, at))
+    options = {"curve_tolerance": 0.0, "crossings": False}
+    response = simulate(robot, protocol, at, sensitivities=tuple(steps), **options)
+    assert response.succeeded, response.status
+    for name, h in steps.items():
+        ends = [simulate(robot, protocol, {**at, name: values[name] + s * h}, **options).channels for s in (1.0, -1.0)]
+        want = {channel: (ends[0][channel] - ends[1][channel]) / (2.0 * h) for channel in ends[0]}
+        for unit in sorted(set(response.units.values())):
+            of_unit = [channel for channel in want if response.units[channel] == unit]
+            scale = max(np.abs(want[channel]).max() for channel in of_unit)
+            largest = max(np.abs(ends[0][channel]).max() for channel in of_unit)
+            rounding = 4e-16 * (1.0 if unit == "rad" else largest) / h  # an angle is that of a rotation's entries
+            for channel in of_unit:
+                got, said = response.sensitivities[channel][name], f"{channel} by {name}"
+                np.testing.assert_allclose(got, want[channel], error, error * scale + rounding, err_msg=said)
+        assert np.all(want[moved] != 0.0), name
 
 
 def moved_points(robot: Robot, turn: Callable[[np.ndarray], np.ndarray], rotation: np.ndarray) -> Robot:

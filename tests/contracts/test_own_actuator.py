@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Generator
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-from own_module import imported
+from own_module import brought, imported
 from project_case import MODULUS, write_project
+from sofa_case import use_fake
 
 from softcal import calibrate, load, with_parameters
 from softcal.errors import ParameterError, ProjectFileError
+from softcal.executors.shared import call, packed
+from softcal.plugins.calculix.crosscheck import crosscheck
+from softcal.plugins.sofa.simulator import sofa_engine
 from softcal.sensing.sensor import SENSORS
 from softcal.twin.actuated import ACTUATORS, register_actuator
 from softcal.twin.live import LiveTwin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.checking import check
+from softcal.workflows.export import EXPORTS, ExportRequest, write_export
 from softcal.workflows.reporting import write_report
 
 PUSH_ROD = '''
@@ -183,6 +189,13 @@ def rod_project(folder: Path, **values: float) -> Path:
     return path
 
 
+def free_rod_project(folder: Path, **values: float) -> Path:
+    """The same with the test by thrust alone, and free parameters."""
+    path = rod_project(folder, **values)
+    path.write_text(path.read_text(encoding="utf-8").partition("  pull:\n")[0] + FREE, encoding="utf-8")
+    return path
+
+
 def test_it_is_driven_by_either_and_differentiated(push_rod: ModuleType, tmp_path: Path) -> None:
     robot = load(rod_project(tmp_path)).robot
     names = ["bar.youngs_modulus", "motor.softness"]
@@ -215,10 +228,7 @@ def test_with_a_cable_it_moves_a_live_twin(push_rod: ModuleType, tmp_path: Path)
 
 def test_it_is_calibrated_and_reported_from_a_project_file(push_rod: ModuleType, tmp_path: Path) -> None:
     truth = {"bar.youngs_modulus": MODULUS, "motor.softness": 5e-5}
-    path = rod_project(tmp_path, **truth)
-    rod_alone = path.read_text(encoding="utf-8").partition("  pull:\n")[0]
-    path.write_text(rod_alone + FREE, encoding="utf-8")
-    project = load(path)
+    project = load(free_rod_project(tmp_path, **truth))
     assert any(row[0] == "push-rod motor" for row in check(project).rows)
     (result,) = calibrate(project, out=tmp_path / "run").results.values()
     for name, value in truth.items():
@@ -226,6 +236,65 @@ def test_it_is_calibrated_and_reported_from_a_project_file(push_rod: ModuleType,
     report = write_report(tmp_path / "run", figures=["trajectory"])
     drawn = next(path for path in report.figures if path.suffix == ".svg").read_text(encoding="utf-8")
     assert "motor.extension [mm]" in drawn
+
+
+def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The module that the package names registers the sensor too."""
+    (tmp_path / "own_rods.py").write_text(PUSH_ROD, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with brought(ACTUATORS, "own_rods:PushRod", "softcal.actuators", "push-rod", monkeypatch) as kind:
+        assert kind.channels[1].name == "thrust"
+        assert SENSORS["push-rod"].of == "push-rod"
+    SENSORS.remove("push-rod")
+    del sys.modules["own_rods"]
+
+
+def test_other_processes_get_it_with_what_is_shared(
+    push_rod: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also one that is registered elsewhere than in the module of its class."""
+    monkeypatch.setitem(sys.modules, "push_rod", push_rod)
+    path, parcel = rod_project(tmp_path / "project"), packed(None)
+    ACTUATORS.remove("push-rod")
+    SENSORS.remove("push-rod")
+    with pytest.raises(ProjectFileError, match="no such actuator"):
+        load(path)
+    (motor,) = call(parcel, lambda _: load(path)).robot.actuators
+    assert type(motor.actuator) is push_rod.PushRod
+
+
+@pytest.mark.slow
+def test_workers_calibrate_it(push_rod: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "push_rod", push_rod)
+    monkeypatch.syspath_prepend(tmp_path)
+    path = free_rod_project(tmp_path / "project")
+    here, there = (calibrate(load(path), method="grid", trials=4, workers=n) for n in (1, 2))
+    assert here.headline.loss == there.headline.loss
+
+
+REFUSED = {"calculix": "CalculiX", "sofa": "SOFA"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=[] if one in REFUSED else [pytest.mark.slow]) for one in EXPORTS]
+)
+def test_an_export_has_it_or_refuses_it(name: str, push_rod: ModuleType, tmp_path: Path) -> None:
+    request = ExportRequest(free_rod_project(tmp_path / "project"))
+    if name not in REFUSED:
+        assert write_export(name, request, tmp_path / "out")
+        return
+    told = f"motor: this actuator is not exported to {REFUSED[name]}; got push-rod; allowed: cable, chamber, drive"
+    with pytest.raises(ParameterError, match=told):
+        write_export(name, request, tmp_path / "out")
+
+
+def test_an_engine_refuses_it(push_rod: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    use_fake(monkeypatch, mechanics="twin")
+    robot, thrust = load(rod_project(tmp_path)).robot, Protocol({"motor": Command("thrust", np.array([0.0, -1.0]))})
+    with pytest.raises(ParameterError, match="motor: this actuator is not exported to SOFA; got push-rod"):
+        sofa_engine()(robot, thrust)
+    refused = crosscheck(robot, thrust, ["calculix"]).refused
+    assert refused["calculix"].startswith("motor: this actuator is not exported to CalculiX; got push-rod")
 
 
 def test_a_class_that_is_no_actuator_is_refused() -> None:

@@ -5,17 +5,25 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mechanics_cases import blown_box
 
+from softcal.analysis.candidate import as_experiment
+from softcal.analysis.default_candidates import default_candidates
+from softcal.calibration.problem.observation import commands
 from softcal.checks import Ints
 from softcal.errors import InputError, MeshError, ProjectFileError
+from softcal.export.reduced import evaluator_of
 from softcal.geometry.cell import all_faces
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.chamber import ATMOSPHERE, ChamberTerm
+from softcal.plugins.fleet.workflow import fleet
+from softcal.plugins.watch.run_reader import RunReader
+from softcal.plugins.watch.twin import simulated_twin
 from softcal.project.project import load
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.build import build_twin
@@ -27,10 +35,14 @@ from softcal.twin.robot import Marker, Robot
 from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
 from softcal.twin.time_settings import TimeSettings
-from softcal.workflows.calibration import calibrate
+from softcal.workflows.calibrated_shapes import furthest_experiment
+from softcal.workflows.calibration import calibrate, make_problem
 from softcal.workflows.cases import commanded, parse_pulls
+from softcal.workflows.next_test import next_test
 from softcal.workflows.reach import reach
+from softcal.workflows.reporting import write_report
 from softcal.workflows.simulation import twin_view
+from softcal.workflows.sweep import sweep
 from softcal.workflows.twin_frame import twin_frame
 
 DEAD = 1e-4  # [m^3], forty times the chamber
@@ -241,6 +253,143 @@ def test_a_vacuum_gauge_with_an_offset_is_calibrated(tmp_path):
     assert found["box.youngs_modulus"].value == pytest.approx(7e5, rel=1e-2)
     assert found["main.dead_volume"].value == pytest.approx(5e-6, rel=1e-2)
     assert found["main.pressure_offset"].value == pytest.approx(300.0, rel=2e-2)
+
+
+def test_the_slider_of_a_vacuum_goes_from_the_lowest_pressure_to_none():
+    robot = replace(box(dead_volume=3e-6), markers=(Marker("tip", "box", np.array([0.02, 0.02, 0.02])),))
+    response = driven(robot, "pressure", *np.linspace(0.0, -4e4, 5), snapshots=True)
+    view = twin_view(robot, response)
+    assert view is not None
+    frame = twin_frame(view, response)
+    assert frame is not None
+    model = json.loads(re.search(r'id="twin-data">(.*?)</script>', frame.page, re.DOTALL)[1])["model"]
+    (driven_by,) = model["inputs"]
+    assert (driven_by["name"], driven_by["control"], driven_by["default"]) == ("main", "pressure", 0.0)
+    assert (driven_by["least"], driven_by["most"]) == (pytest.approx(-4e4, rel=1e-3), 0.0)
+    read = evaluator_of({**model, "rows": [], "error": {}})
+    for shape in response.snapshots:
+        shown = read.state({"main": shape.drive})["coordinates"]["tip.x"]
+        assert shown == pytest.approx(shape.markers["tip"][0], abs=1e-7)
+    assert frame.caption.startswith("The twin along its load path: ")
+    assert "within" in frame.caption
+
+
+# Two tests of a box, blown up and evacuated; the table's units are a pump's.
+RUN = (
+    PROJECT[: PROJECT.index("  vacuum:\n")]
+    + """\
+  blow:
+    drive: [main.pressure]
+    files:
+      - path: blow.csv
+        columns: &columns
+          main.pressure: {name: p, unit: bar}
+          main.volume: {name: v, unit: ml}
+          tip.x: {name: x, unit: mm}
+          tip.y: {name: y, unit: mm}
+          tip.z: {name: z, unit: mm}
+    noise: &noise {tip: 0.001 mm, main.volume: 0.01 ml}
+  suck:
+    drive: [main.pressure]
+    files:
+      - {path: suck.csv, columns: {<<: *columns, main.pressure: {name: p, unit: psi}}}
+    noise: *noise
+parameters:
+  box.youngs_modulus: {bounds: [0.1 MPa, 10 MPa], scale: log}
+  main.dead_volume: {bounds: [0 ml, 30 ml]}
+calibration: {method: least-squares, starts: 1, loss: likelihood, mesh_error: false}
+candidates:
+  harder: {like: blow, pressure: 60 kPa}
+  vacuum: {like: blow, pressure: -40 kPa}
+  deeper: {like: suck, pressure: -60 kPa}
+  pumped: {like: blow, volume: 4 ml}
+  beyond: {like: suck, pressure: -101 kPa}
+sweep:
+  over: {main.dead_volume: [0 ml, 5 ml], box.youngs_modulus: [0.6 MPa, 0.7 MPa]}
+"""
+)
+TESTS = {"blow": (np.linspace(0.0, 3e4, 8), 1e5), "suck": (np.linspace(0.0, -5e4, 8), 6894.757293168361)}
+
+
+def write_run(folder: Path, modulus: float = 7e5, dead_volume: float = 5e-6, specimen: str = "") -> Path:
+    """The project with the tables that the twin has at these values, with noise."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_mesh(box().bodies[0].mesh, folder / "box.msh")
+    robot = replace(box(dead_volume=dead_volume), markers=(Marker("tip", "box", np.array([0.02, 0.02, 0.02])),))
+    robot, rng = with_parameters(robot, {"box.youngs_modulus": modulus}), np.random.default_rng(4)
+    for name, (pressures, unit) in TESTS.items():
+        seen = driven(robot, "pressure", *pressures).channels
+        columns = [pressures / unit, 1e6 * seen["main.volume"] + 0.01 * rng.standard_normal(len(pressures))]
+        columns += [1e3 * seen[f"tip.{axis}"] + 1e-3 * rng.standard_normal(len(pressures)) for axis in "xyz"]
+        rows = "".join(",".join(f"{value:.9g}" for value in row) + "\n" for row in zip(*columns, strict=True))
+        (folder / f"{name}{specimen}.csv").write_text(f"p,v,x,y,z\n{rows}", encoding="utf-8")
+    (folder / "project.yaml").write_text(RUN, encoding="utf-8")
+    return folder / "project.yaml"
+
+
+def test_the_tests_of_a_chamber_are_read_in_a_pumps_units_and_may_go_further_on_either_side(tmp_path):
+    project = load(write_run(tmp_path))
+    for name, (pressures, _) in TESTS.items():
+        read = project.experiments[name].dataset.values("main.pressure")
+        np.testing.assert_allclose(read, pressures, rtol=1e-8, atol=1e-6)
+    assert furthest_experiment(project, ["blow", "suck"]) == "suck"
+    ends = {"harder": 6e4, "vacuum": -4e4, "deeper": -6e4, "beyond": -1.01e5, "pumped": 4e-6}
+    for candidate in project.candidates:
+        (told,) = commands(
+            test := as_experiment(candidate, project.experiments[candidate.like]), test.rig_values()
+        ).values()
+        assert told.values[-1] == pytest.approx(ends[candidate.name], rel=1e-6)
+    made = {one.name: one for one in default_candidates(make_problem(project))}
+    assert made["suck 1.5 times as far"].reach == pytest.approx(-7.5e4)
+    pumped = as_experiment(made["suck by volume"], project.experiments["suck"])
+    volume = project.experiments["suck"].dataset.values("main.volume")
+    assert pumped.dataset.values("main.volume")[-1] == volume.min() < -1e-6
+
+
+def words(page: Path) -> str:
+    """What a page says, without what its frames and pictures hold."""
+    unseen = r'<(script|style|svg).*?</\1>|srcdoc="[^"]*"'
+    text = re.sub(unseen, "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
+
+
+@pytest.mark.slow
+def test_the_run_of_a_chamber_is_reported_and_watched_and_has_a_next_test(tmp_path):
+    result = calibrate(write_run(tmp_path / "project"), out=tmp_path / "run").headline
+    for name, value in {"box.youngs_modulus": 7e5, "main.dead_volume": 5e-6}.items():
+        low, high = result.parameters[name].interval
+        assert low < value < high < 1.05 * low
+    drawn = {path.stem for path in write_report(tmp_path / "run").figures}
+    assert drawn >= {"twin", "places", "trajectory-blow-by-joint", "trajectory-suck-by-joint", "configurations"}
+    said = words(tmp_path / "run" / "report.html")
+    assert "suck (main.pressure -50 kPa)" in said  # the furthest state
+    assert "The twin reproduces the volume with an RMS error" in said
+    assert not re.search(r"\b(cable|tension|shortening|pull|force|travel)", said), said
+    ranking = next_test(tmp_path / "run")
+    shares = {one.candidate.name: one.share for one in ranking.outlooks}
+    assert shares["deeper"] < shares["vacuum"] < 1.0
+    assert shares["suck by volume"] < 0.95
+    (search,) = (reader := RunReader(tmp_path / "run")).read().searches
+    about, picture = simulated_twin(tmp_path / "run", reader.whole(search))
+    assert not about["trouble"]
+    assert about["title"] == "main: -50 kPa"
+    assert [fit.caption for fit in about["fits"]]
+    assert picture.startswith(b"glTF")
+
+
+@pytest.mark.slow
+def test_a_chamber_is_swept_and_has_a_fleet(tmp_path):
+    path = write_run(tmp_path / "project")
+    best = sweep(path, out=tmp_path / "sweep").best[0].trial
+    assert best.theta == pytest.approx({"main.dead_volume": 5e-6, "box.youngs_modulus": 7e5})
+    for specimen, modulus in (("1", 6e5), ("2", 8e5)):
+        write_run(path.parent, modulus, specimen=specimen)
+    rows = [f"p{k},blow{k}.csv,suck{k}.csv,{mix}" for k, mix in ((1, "A"), (2, "B"))]
+    head = "specimen,experiments.blow.file,experiments.suck.file,silicone"
+    (path.parent / "fleet.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    found = fleet(path.parent, out=tmp_path / "fleet")
+    moduli = [one.parameters["box.youngs_modulus"].value for one in found.specimens]
+    assert moduli == pytest.approx([6e5, 8e5], rel=0.01)
 
 
 def test_the_last_shape_is_the_furthest_on_either_side():

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, elastic, pulled, tensed
+from mechanics_cases import column_robot, elastic, pulled, require_derivatives, tensed
 from scipy.spatial import KDTree
 
 from softcal.errors import MeshError, ParameterError
@@ -36,7 +36,6 @@ needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason
 ROD = SolidRod(length=0.1, diameter=0.03, layers=4)
 BELLOWS = Bellows(0.030, 0.020, 0.012, 0.0015, 0.003, folds=2, layers=4, sectors=6)
 EXAMPLES = Path(__file__).parents[2] / "examples"
-NONE: dict[str, float] = {}
 NECK_MESH = EXAMPLES / "neck-bench" / "neck.msh"
 
 
@@ -108,27 +107,6 @@ def rod_robot(element: str = "P2P1", drive: str = "shortening") -> Robot:
     return Robot((body,), (plate,), cables, loads, gravity=[0.0, 0.3, -9.81], markers=markers)
 
 
-def require_derivatives(
-    robot: Robot, protocol: Protocol, name: str, h: float, monkeypatch, *, error: float = 1e-6, at=NONE
-) -> None:
-    """All channels' derivatives by a parameter agree with central differences of whole simulations. at: values of
-    parameters, by default the robot's own.
-    """
-    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
-    value = robot_parameters(with_parameters(robot, at))[name].value
-    response = simulate(robot, protocol, at, sensitivities=(name,), curve_tolerance=0.0)
-    assert response.succeeded, response.status
-    ends = [simulate(robot, protocol, {**at, name: value + s * h}, curve_tolerance=0.0).channels for s in (1.0, -1.0)]
-    want = {channel: (ends[0][channel] - ends[1][channel]) / (2.0 * h) for channel in ends[0]}
-    for unit in sorted(set(response.units.values())):
-        of_unit = [channel for channel in want if response.units[channel] == unit]
-        scale = max(np.abs(want[channel]).max() for channel in of_unit)
-        for channel in of_unit:
-            got = response.sensitivities[channel][name]
-            np.testing.assert_allclose(got, want[channel], rtol=error, atol=error * scale, err_msg=channel)
-    assert np.all(want["plate.z"] != 0.0)
-
-
 @pytest.mark.parametrize("element", ["P1", "P2P1"])
 @pytest.mark.parametrize("drive", ["shortening", "tension"])
 @pytest.mark.parametrize("key", ["length", "diameter", "scale", "wall_offset"])
@@ -137,14 +115,14 @@ def test_all_channels_follow_a_length_as_their_differences_say(element, drive, k
     robot = rod_robot(element) if key in ROD.lengths else drawn(rod_robot(element))
     protocol = pulled(0.002, 0.006) if drive == "shortening" else tensed(0.2, 0.5)
     h = 1e-5 if key == "scale" else 1e-6
-    require_derivatives(robot, protocol, f"neck.{key}", h, monkeypatch)
+    require_derivatives(robot, protocol, {f"neck.{key}": h}, monkeypatch)
 
 
 @pytest.mark.parametrize("key", ["outer_diameter", "waist_diameter", "dome_height", "link_pitch"])
 def test_the_channels_of_the_neck_follow_its_lengths(key, monkeypatch):
     """With small elements at the waists, where the difference of two systems loses digits."""
     robot = neck_robot(read_mesh(NECK_MESH, unit="mm"), Neck(), element="P1")
-    require_derivatives(robot, pulled(0.01), f"neck.{key}", 5e-6, monkeypatch, error=5e-6)
+    require_derivatives(robot, pulled(0.01), {f"neck.{key}": 5e-6}, monkeypatch, error=5e-6)
 
 
 @pytest.mark.parametrize("key", ["outer_diameter", "waist_diameter"])
@@ -154,7 +132,7 @@ def test_the_channels_follow_a_length_at_other_lengths(key, stated, monkeypatch)
     robot = neck_robot(read_mesh(NECK_MESH, unit="mm"), Neck(), element="P1")
     own = {name: robot_parameters(robot)[f"neck.{name}"].value for name in ("outer_diameter", "waist_diameter")}
     at = {f"neck.{name}": 0.97 * value for name, value in own.items() if stated in (name, "both")}
-    require_derivatives(robot, pulled(0.01), f"neck.{key}", 5e-6, monkeypatch, error=5e-6, at=at)
+    require_derivatives(robot, pulled(0.01), {f"neck.{key}": 5e-6}, monkeypatch, error=5e-6, at=at)
 
 
 @pytest.mark.parametrize("key", ["scale", "wall_offset"])
@@ -171,7 +149,7 @@ def test_the_channels_follow_a_length_in_contact(key, monkeypatch):
     protocol = pulled(0.005, 0.0075)
     alone, touching = (simulate(one, protocol).channels["front.tension"] for one in (free, robot))
     assert np.all(touching > 1.25 * alone)
-    require_derivatives(robot, protocol, f"neck.{key}", 1e-6 if key == "scale" else 1e-7, monkeypatch, error=2e-5)
+    require_derivatives(robot, protocol, {f"neck.{key}": 1e-6 if key == "scale" else 1e-7}, monkeypatch, error=2e-5)
 
 
 @pytest.mark.slow
@@ -183,7 +161,7 @@ def test_the_shipped_neck_follows_its_diameter_in_contact(monkeypatch):
         simulate(one, protocol).channels["front.tension"] for one in (replace(robot, contact=None), robot)
     )
     assert touching[1] > 1.04 * free[1]
-    require_derivatives(robot, protocol, "neck.outer_diameter", 2e-6, monkeypatch, error=1e-4)
+    require_derivatives(robot, protocol, {"neck.outer_diameter": 2e-6}, monkeypatch, error=1e-4)
 
 
 @pytest.mark.slow
@@ -192,7 +170,7 @@ def test_the_shipped_neck_follows_its_diameter_in_contact(monkeypatch):
 def test_the_channels_of_a_bellows_follow_its_lengths(key, command, monkeypatch):
     """With gas, whose amount is that of the cavity at rest, so that the pump's volume depends on the shape too."""
     protocol = Protocol({"main": command})
-    require_derivatives(bellows_robot(BELLOWS), protocol, f"neck.{key}", 2e-6, monkeypatch, error=2e-6)
+    require_derivatives(bellows_robot(BELLOWS), protocol, {f"neck.{key}": 2e-6}, monkeypatch, error=2e-6)
 
 
 @pytest.mark.slow
@@ -241,7 +219,7 @@ def test_the_channels_follow_a_length_where_friction_remembers(key, monkeypatch)
     robot = rod_robot("P1")
     cable = replace(robot.cables[0], line=CableLine(friction_memory=True))
     protocol = pulled(0.002, 0.006, 0.0055, 0.004)
-    require_derivatives(replace(robot, cables=(cable,)), protocol, f"neck.{key}", 1e-7, monkeypatch)
+    require_derivatives(replace(robot, cables=(cable,)), protocol, {f"neck.{key}": 1e-7}, monkeypatch)
 
 
 @needs_gmsh

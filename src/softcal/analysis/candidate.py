@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from softcal.calibration.problem.experiment import Experiment, rig_kind
+from softcal.calibration.problem.experiment import Experiment, largest_of, rig_kind
 from softcal.calibration.problem.scope import P
 from softcal.checks import Floats
 from softcal.declare import Checked
@@ -38,7 +38,8 @@ class Candidate(Checked):
     control
         Its coordinate or its effort, by which it is driven, such as "tension"; "" for the same.
     reach
-        Its largest value [SI], such as a tension's [N]; of several actuators the others in proportion. None: as far.
+        Its largest value [SI], such as a tension's [N], or of a vacuum its lowest pressure [Pa], below zero; of several
+        actuators the others in proportion. None: as far.
     samples
         Number of samples; 0 for as many.
     measured
@@ -87,8 +88,8 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
         raise InputError(unknown(what, candidate.name, candidate.control, sorted(controls)))
     drives = {_renamed(channel, candidate, like, is_drive=True): channel for channel in driven}
     values = {name: _commands(candidate, like, old, name) for name, old in drives.items()}
-    largest = max((float(np.abs(one).max()) for one in values.values()), default=0.0)
-    if candidate.reach is not None and largest > 0.0:
+    largest = largest_of(values.values())
+    if candidate.reach is not None and largest != 0.0:
         values = {name: one * (candidate.reach / largest) for name, one in values.items()}
     n = candidate.samples or like.dataset.n_samples
     share = np.linspace(0.0, 1.0, n)
@@ -193,7 +194,7 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
     kind = other_of(channel_name(old).kind)
     other = next((c for c in like.dataset.channels if like.twin_channel(c) == ChannelName(kind, _driven(like))), None)
     if other is not None:
-        most = float(np.nanmax(like.dataset.values(other)))
+        most = largest_of([like.dataset.values(other)])
     elif candidate.reach is not None:
         most = candidate.reach
     else:

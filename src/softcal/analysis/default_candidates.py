@@ -32,10 +32,10 @@ def default_candidates(problem: Problem) -> list[Candidate]:
     found: list[Candidate] = []
     for like in references:
         found.append(Candidate(name=f"{like.name} again", like=like.name))
-        if like.drives and (reach := _reach(like)) > 0.0:
+        if like.reach != 0.0:
             for share in (FURTHER, LESS_FAR):
                 name = f"{like.name} {share:g} times as far"
-                found.append(Candidate(name=name, like=like.name, reach=share * reach))
+                found.append(Candidate(name=name, like=like.name, reach=share * like.reach))
     like = furthest(problem)
     if len(like.drives) == 1:
         driven = like.twin_channel(like.drives[0])
@@ -71,14 +71,9 @@ def _references(experiments: Sequence[Experiment]) -> list[Experiment]:
     furthest: dict[tuple[str, ...], Experiment] = {}
     for experiment in experiments:
         key = tuple(sorted(str(experiment.twin_channel(channel)) for channel in experiment.drives))
-        if key not in furthest or _reach(experiment) > _reach(furthest[key]):
+        if key not in furthest or abs(experiment.reach) > abs(furthest[key].reach):
             furthest[key] = experiment
     return list(furthest.values())
-
-
-def _reach(experiment: Experiment) -> float:
-    """The largest command [SI]."""
-    return max((float(np.abs(experiment.dataset.values(c)).max()) for c in experiment.drives), default=0.0)
 
 
 def _effort(experiment: Experiment) -> float:

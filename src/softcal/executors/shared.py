@@ -52,7 +52,7 @@ class UnableError(Exception):
 
 
 def packed(what: object) -> Parcel:
-    """An object as bytes, with the laws, elements and sensors that are not softcal's own.
+    """An object as bytes, with the laws, elements, actuators and sensors that are not softcal's own.
 
     Raises
     ------
@@ -93,8 +93,9 @@ def _families() -> dict[str, Catalogue[Any]]:
     from softcal.materials.catalogue import LAWS
     from softcal.mechanics.elements import ELEMENTS
     from softcal.sensing.sensor import SENSORS
+    from softcal.twin.actuated import ACTUATORS
 
-    return {"law": LAWS, "element": ELEMENTS, "sensor": SENSORS}
+    return {"law": LAWS, "element": ELEMENTS, "actuator": ACTUATORS, "sensor": SENSORS}
 
 
 def _pickled(what: object) -> bytes:

@@ -159,7 +159,7 @@ def _furthest_state(project: Project, result: SearchResult) -> State | None:
         if not placed:
             continue
         squares = np.sum([(fit.simulated[c] - fit.measured[c]) ** 2 for c in placed], axis=0)
-        drives = [experiment.dataset.values(c) for c in experiment.drives]
+        drives = [np.abs(experiment.dataset.values(c)) for c in experiment.drives]
         pull = np.max(drives, axis=0) if drives else np.zeros(experiment.dataset.n_samples)
         states |= {(name, int(k)): (float(pull[k]), float(squares[k])) for k in np.flatnonzero(np.isfinite(squares))}
     return max(states, key=lambda state: states[state]) if states else None

@@ -1,4 +1,4 @@
-"""The twin along its pull, for a frame of the report: the shapes that its load path has, and splines between them."""
+"""The twin along its load path, for a frame of the report: the shapes that this has, and splines between them."""
 
 from __future__ import annotations
 
@@ -41,6 +41,8 @@ def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
     chosen = np.unique(np.linspace(0, len(response.snapshots) - 1, MOST_SHAPES).round().astype(int))
     shapes = [response.snapshots[k] for k in chosen]
     first, pulled = shapes[0], [*shapes[0].controls]
+    if np.all(np.diff([one.drive for one in shapes]) < 0.0):  # a vacuum: the slider goes from the lowest to none
+        shapes = shapes[::-1]
     if not pulled:
         return None
     parts = {part.name: part for part in view.robot.actuated}
@@ -72,8 +74,8 @@ def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
         coefficients = chebyshev.chebfit(nodes, CubicSpline(places, values)(middle + half * nodes), DEGREE)
         return {"powers": powers.tolist(), "coefficients": coefficients.tolist()}
 
-    name, unit = (pulled[0], first.drive_unit) if control else (STEP, "")
-    driven = Input(name, unit, float(places[0]), float(places[-1]), float(places[0]), control)
+    name, unit, default = (pulled[0], first.drive_unit, first.drive) if control else (STEP, "", places[0])
+    driven = Input(name, unit, float(places[0]), float(places[-1]), float(default), control)
     model = {
         "inputs": [asdict(driven)],
         "plates": [],
@@ -98,7 +100,7 @@ def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
     page = twin_page("", data)
     if len(page) > MOST_LETTERS:
         return None
-    told = f"The twin along its pull: {len(shapes)} equilibria of its load path, and splines between them"
+    told = f"The twin along its load path: {len(shapes)} equilibria, and splines between them"
     if control:
         along = response.channels[driven.derivative]
         kept = (along >= places[0]) & (along <= places[-1])

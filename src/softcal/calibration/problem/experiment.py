@@ -152,6 +152,11 @@ class Experiment(Checked):
         return (self.drive,) if self.cable else ()
 
     @property
+    def reach(self) -> float:
+        """The largest command [SI], below zero where that is a vacuum; 0 where nothing is driven."""
+        return largest_of(self.dataset.values(channel) for channel in self.drives)
+
+    @property
     def actuated(self) -> tuple[str, ...]:
         """The actuators that are driven or measured."""
         return tuple(self._driven)
@@ -241,6 +246,11 @@ class Experiment(Checked):
         if self.points:
             values |= {f"frame.{axis}": value for axis, value in asdict(self.rig.frame).items()}
         return {name: self.settings.get(name, value) for name, value in values.items()}
+
+
+def largest_of(commands: Iterable[Floats]) -> float:
+    """The value of the largest magnitude, with its sign; 0 of none."""
+    return max((float(one[np.nanargmax(np.abs(one))]) for one in commands), key=abs, default=0.0)
 
 
 def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo]:

@@ -28,6 +28,7 @@ PRESSURE = ChannelKind(
     offset=("pressure_offset", QUANTITIES["pressure offset"]),
     gain=("pressure_gain", QUANTITIES["positive ratio"]),
     drift=("pressure_drift", QUANTITIES["pressure offset"]),
+    slope=(1e5, 1e13),  # [Pa/m^3]: a weather balloon, and a stiff bellows of oil
     most=1e8,
     mistake="kPa read as MPa",
     noise=250.0,  # a gauge of 100 kPa, 0.25 % of its range

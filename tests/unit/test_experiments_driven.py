@@ -18,6 +18,7 @@ from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import parse_steps, prepare
 from softcal.experiments.steps.branches import take_branch
 from softcal.experiments.steps.cycles import find_cycles
+from softcal.experiments.steps.flow import integrate_flow
 from softcal.experiments.steps.slack import find_slack
 from softcal.units import parse_quantity
 
@@ -37,6 +38,7 @@ UNITS = {
     "torque": "N*m",
     "time": "s",
     "pitch": "rad",
+    "flow": "m^3/s",
 }
 STEPS = ["classify_cycles", {"take_branch": {"n_samples": 60}}, {"remove_slack": {"subtract_floor": True}}]
 
@@ -182,3 +184,69 @@ def test_a_stiffness_is_plausible_of_any_actuator(values: tuple[str, str], told:
     warnings = check_plausible(dataset(main__volume=most[0] * share, main__pressure=most[1] * share))
     assert told in " ".join(warnings)
     assert bool(told) == bool(warnings)
+
+
+def pump(n: int = 200, **more: np.ndarray) -> Dataset:
+    """Flow [m^3/s] of a pump that fills a chamber by 8 ml and empties it."""
+    time = np.linspace(0.0, 60.0, n)
+    return dataset(time=time, main__flow=8e-6 * np.pi / 60.0 * np.sin(2.0 * np.pi * time / 60.0), **more)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    steps=st.lists(st.floats(0.01, 3.0), min_size=2, max_size=30),
+    ends=st.tuples(st.floats(-1e-6, 1e-6), st.floats(-1e-6, 1e-6)),
+    start=st.floats(-1e-5, 1e-5),
+    gain=st.sampled_from([0.5, 2.0]),
+)
+def test_a_volume_is_the_integral_of_a_flow_that_changes_linearly(
+    steps: list[float], ends: tuple[float, float], start: float, gain: float
+) -> None:
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    slope = (ends[1] - ends[0]) / time[-1]
+    record = dataset(time=5.0 + time, main__flow=ends[0] + slope * time)
+    pumped = integrate_flow(record, start)
+    assert [*pumped.channels] == ["time", "main.volume"]
+    volume = pumped.values("main.volume")
+    assert volume[0] == start
+    assert_allclose(volume - start, ends[0] * time + 0.5 * slope * time**2, atol=1e-12)
+    # The gain of the flow sensor is that of the volume.
+    doubled = integrate_flow(record.with_channels(Step("gain"), **{"main.flow": gain * record.values("main.flow")}))
+    assert_allclose(doubled.values("main.volume"), gain * (volume - start), rtol=1e-12, atol=1e-20)
+
+
+def test_a_flow_is_prepared_to_cycles_of_the_volume() -> None:
+    right = pump()
+    offset = right.with_channels(Step("offset"), **{"main.flow": right.values("main.flow") + 1e-9})
+    steps = [{"zero": {"channel": "main.flow", "by": "0.06 ml/min"}}, {"integrate_flow": {"start": "2 ml"}}]
+    pumped = prepare(offset, steps)
+    assert_allclose(pumped.values("main.volume")[[0, 100, -1]], [2e-6, 10e-6, 2e-6], atol=2e-9)
+    assert pumped.provenance[-1].outcome.startswith("main.volume from 2 ml to 2 ml, at most 25.1")
+    phase = 2.0 * np.pi * np.linspace(0.0, 1.0, 200)
+    whole = prepare(pump(main__pressure=1e4 * (1.0 - np.cos(phase))), ["integrate_flow", "find_cycles"])
+    (loop,) = loops(whole)
+    assert_allclose(loop.travel, 8e-6, rtol=5e-3)
+    assert_allclose(loop.loading_energy, 0.5 * 2e4 * 8e-6, rtol=1e-2)
+
+
+def test_a_flow_without_a_time_or_with_a_volume_is_refused() -> None:
+    whole = pump(main__volume=np.zeros(200))
+    no_time = Dataset("pumped", {name: one for name, one in whole.channels.items() if name != "time"})
+    with pytest.raises(DatasetError) as caught:
+        integrate_flow(no_time)
+    told = str(caught.value)
+    assert "pumped: a flow is integrated over time, and the record has none; got main.flow, main.volume" in told
+    assert "the volume was recorded beside the flow; got main.volume. Try: leave main.flow out of the columns" in told
+    holes = pump()
+    holes = holes.with_channels(Step("hole"), **{"main.flow": np.where(np.arange(200) == 7, np.nan, 1e-8)})
+    with pytest.raises(DatasetError, match=r"a flow with missing values has no integral; got 1 of them"):
+        prepare(holes, ["integrate_flow"])
+    with pytest.raises(DatasetError, match=r"the record has no flow; got time"):
+        integrate_flow(dataset(time=np.arange(3.0)))
+    with pytest.raises(DatasetError, match=r"the record has several flows; got main\.flow, tip\.flow.*channel: main"):
+        integrate_flow(pump(tip__flow=np.zeros(200)))
+    with pytest.raises(DatasetError, match=r"this channel is no flow; got time; allowed: main\.flow"):
+        integrate_flow(pump(), channel="time")
+    assert "main.flow reaches 0.05 m^3/s, above 0.01 m^3/s: ml/min read as l/s?" in " ".join(
+        check_plausible(dataset(time=np.arange(3.0), main__flow=np.array([0.0, 0.05, 0.01])))
+    )

@@ -177,7 +177,8 @@ def take_branch(
     if len(numbers) > 1:
         scatter = ", ".join(f"{k} {format_quantity(channels[k].sigma, channels[k].unit)}" for k in names)
         outcome += f"; scatter over the cycles: {scatter}"
-    step = Step(BRANCH_STEP, {"branch": branch, "n_samples": n_grid, "cycles": numbers}, outcome)
+    settings = {"branch": branch, "n_samples": n_grid, "cycles": numbers, "by": along}
+    step = Step(BRANCH_STEP, settings, outcome)
     return replace(dataset, channels=channels, cycle=None, provenance=(*dataset.provenance, step))
 
 

@@ -81,6 +81,11 @@ class ActuatedPart(NamedPart, ABC):
 
     @property
     @abstractmethod
+    def noun(self) -> str:
+        """What it is in words, such as "cable" or "chamber"."""
+
+    @property
+    @abstractmethod
     def channels(self) -> tuple[ChannelKind, ChannelKind]:
         """Kinds of the channels of its coordinate and of its effort."""
 
@@ -182,6 +187,10 @@ class NamedActuator(ActuatedPart):
     """An actuator of a robot. name: first part of the names of its channels and parameters."""
 
     actuator: Actuator
+
+    @property
+    def noun(self) -> str:
+        return self.actuator.name
 
     @property
     def channels(self) -> tuple[ChannelKind, ChannelKind]:

@@ -131,7 +131,7 @@ def test_a_pose_is_reached_by_volume():
         (["main=40kPa", "main=5ml"], "the chamber is pulled twice"),
         (["front=40mm"], "the robot has no such actuator; got 'front'; allowed: main"),
         (["main=4"], "got 'main=4'; allowed: a chamber and a pressure or volume: main=1Pa, main=1ml."),
-        (["main.mass=1kg"], "a mass hangs from a cable, and this is a chamber; got 'main.mass=1kg'; allowed: pressure or volume"),
+        (["main.mass=1kg"], "a mass hangs from a cable, and this is a chamber; got 'main.mass=1kg'; allowed: pressure"),
     ],
 )
 def test_a_wrong_pull_of_a_chamber_is_told_in_its_own_words(pulls, says):

@@ -18,9 +18,9 @@ from softcal.workflows.checking import check
 from softcal.workflows.reach import asked
 
 
-def bounds(robot: Robot, controls: str = "pressure", **more: object) -> dict[str, tuple[float, float]]:
-    """The limits of a task, by channel."""
-    task, _ = asked(LiveTwin(robot, controls), None, **more)
+def bounds(robot: Robot, **limits: tuple[float, float]) -> dict[str, tuple[float, float]]:
+    """The limits of a task by channel, with further ones by kind of channel."""
+    task, _ = asked(LiveTwin(robot, "pressure"), None, limits=limits)
     return {name: (float(low), float(high)) for name, low, high in zip(task.units, task.lower, task.upper, strict=True)}
 
 
@@ -32,10 +32,10 @@ def test_the_limits_of_a_robot_are_those_of_its_channels():
     assert found["main.pressure"] == (0.0, 6e4)
     assert found["main.volume"] == (0.0, 2e-6)
     # Options only narrow them.
-    found = bounds(robot, limits={"main.pressure": (-1e4, 5e4)})
+    found = bounds(robot, pressure=(-1e4, 5e4))
     assert found["main.pressure"] == (0.0, 5e4)
     with pytest.raises(ParameterError, match="the limits contradict each other"):
-        bounds(robot, limits={"main.pressure": (7e4, 8e4)})
+        bounds(robot, pressure=(7e4, 8e4))
 
 
 def test_a_channel_goes_before_its_kind_and_cables_that_do_not_drive_are_left_alone():

@@ -7,14 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.driven import DrivenChannels, driven_whole
+from softcal.experiments.driven import driven_whole
 from softcal.experiments.header import column_unit
 from softcal.experiments.steps.branches import curve
 from softcal.experiments.table import is_unit_of, split_header
 from softcal.sensing.channel import channel_name
-from softcal.sensing.sensors.cable import TENSION
 from softcal.units import unit_factor
 
 _MAX_SPEED = 1.0  # [m/s]
@@ -119,41 +117,27 @@ def _stiffness(dataset: Dataset) -> list[str]:
         ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
         return [f"the {of.effort} does not rise with the {of.coordinate} ({ends}): is it the right column?"]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
-    return _of_cable(effort, median) if of.is_cable else _of_another(of, median)
-
-
-def _of_another(of: DrivenChannels, median: float) -> list[str]:
-    """Warnings of an actuator that may act both ways, by its stiffness [SI]."""
-    coordinate, effort = of.kinds
-    shown = of.slope_in_words(median)
-    if median < 0.0:
+    (coordinate_kind, effort_kind), shown = of.kinds, of.slope_in_words(median)
+    lower, upper = effort_kind.slope or (0.0, np.inf)
+    average = float(np.mean(effort))
+    if of.is_cable and (median < 0.0 or average < -0.1 * float(np.max(np.abs(effort)))):
         return [
-            f"the {of.effort} falls as the {of.coordinate} rises, by {shown} (median): is one of the two written with "
-            "the other sign (scale: -1)?"
-        ]
-    if effort.slope is None or effort.slope[0] <= median <= effort.slope[1]:
-        return []
-    ends = " to ".join(of.slope_in_words(end) for end in effort.slope)
-    return [
-        f"the {of.effort} rises by {shown} of the {of.coordinate} (median), expected {ends}: a wrong unit of one of "
-        f"the two ({effort.mistake}, or {coordinate.mistake}, or the reverse)?"
-    ]
-
-
-def _of_cable(tension: Floats, median: float) -> list[str]:
-    """Warnings of a cable, which cannot push, by its stiffness [N/m]."""
-    lower, upper = TENSION.slope or (0.0, np.inf)
-    warnings: list[str] = []
-    if median < 0.0 or float(np.mean(tension)) < -0.1 * float(np.max(np.abs(tension))):
-        warnings.append(
-            f"tension is {np.mean(tension):.3g} N on average and changes by {median:.3g} N/m with "
+            f"tension is {average:.3g} N on average and changes by {median:.3g} N/m with "
             f"shortening: does the machine write tension or displacement negative (scale: -1)?"
-        )
-    elif not lower <= median <= upper:
+        ]
+    if median < 0.0:
+        falls = f"the {of.effort} falls as the {of.coordinate} rises, by {shown} (median)"
+        return [f"{falls}: is one of the two written with the other sign (scale: -1)?"]
+    if lower <= median <= upper:
+        return []
+    if of.is_cable:
         guess = "displacement in m" if median > upper else "displacement in um"
         force_guess = "force in N read as kN" if median > upper else "force in kN read as N"
-        warnings.append(
+        return [
             f"the stiffness dT/dd is {median:.3g} N/m (median), expected {lower:g} to {upper:g} N/m: "
             f"force in kN or displacement in m by mistake ({force_guess}, or {guess} read as mm)?"
-        )
-    return warnings
+        ]
+    rises = f"the {of.effort} rises by {shown} of the {of.coordinate} (median)"
+    ends = " to ".join(of.slope_in_words(end) for end in (lower, upper))
+    mistakes = f"{effort_kind.mistake}, or {coordinate_kind.mistake}, or the reverse"
+    return [f"{rises}, expected {ends}: a wrong unit of one of the two ({mistakes})?"]

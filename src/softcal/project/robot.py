@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from softcal.checks import Ints
-from softcal.errors import InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport, check_quality
 from softcal.project.document import Findings
@@ -16,6 +15,7 @@ from softcal.project.robot_parts import (
     Carriers,
     build_actuator,
     build_cable,
+    build_limits,
     build_load,
     build_marker,
     build_plate,
@@ -24,10 +24,8 @@ from softcal.project.robot_parts import (
 from softcal.project.robot_rods import build_rod
 from softcal.project.robot_schema import KINDS, RobotSection, generated_names
 from softcal.project.sensor_schema import built_sensors
-from softcal.twin.actuated import limited_channels, limits_faults
 from softcal.twin.manipulator import manipulator
 from softcal.twin.robot import Robot, Rod
-from softcal.units import parse_quantity
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             markers=(*(given.markers if given else ()), *(marker for marker in markers if marker)),
         )
         robot = replace(robot, sensors=built_sensors(section.sensors, robot, findings))
-        robot = replace(robot, actuator_limits=_actuator_limits(section, robot, findings))
+        robot = replace(robot, actuator_limits=build_limits(section.actuator_limits, robot.actuated, findings))
         check_whole(robot, findings, generated=[name for kind in KINDS for name in generated_names(section, kind)])
         if len(findings.faults) == n_faults:
             own_bodies = {body.name: body.mesh for body in given.bodies} if given else {}
@@ -108,16 +106,3 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
                 built.made,
             )
     return None
-
-
-def _actuator_limits(section: RobotSection, robot: Robot, findings: Findings) -> dict[str, tuple[float, float]]:
-    """The limits of the actuators' channels [SI], without those that have faults."""
-    found: dict[str, tuple[float, float]] = {}
-    for key, given in section.actuator_limits.items():
-        with findings.at(("robot", "actuator_limits", key)):
-            quantity = next(iter(limited_channels(robot.actuated, key).values()), None)
-            low, high = (0.0, 0.0) if quantity is None else (parse_quantity(end, quantity.unit) for end in given)
-            if faults := limits_faults(robot.actuated, key, low, high):
-                raise InputError([replace(fault, where="") for fault in faults])
-            found[key] = low, high
-    return found

@@ -86,11 +86,11 @@ def cycle_sentence(experiment: str, fit: ExperimentFit) -> str:
     if len(cycles) > 1 and all(side[-1].peak_effort != 0.0 for side in _both(cycles)):
         first, of_twin = (number(side[0].peak_effort / side[-1].peak_effort) for side in _both(cycles))
         text += f" The first peak is {first} times the last; the twin's, {of_twin} times."
-    at, of_twin = (side[-1].vanishes_at for side in _both(cycles))
-    if at is not None and of_twin is not None:
-        scale = channel_scale(cycles[-1].measured.units[0])
-        places = [f"{number(value / scale.factor)} {scale.unit}" for value in (at, of_twin)]
-        word = "force" if _of_cables([[cycles[-1].measured]]) else "effort"
+    last, of_twin = (side[-1] for side in _both(cycles))
+    if last.vanishes_at is not None and of_twin.vanishes_at is not None:
+        scale = channel_scale(last.units[0])
+        places = [f"{number(at / scale.factor)} {scale.unit}" for at in (last.vanishes_at, of_twin.vanishes_at)]
+        word = "force" if _of_cables([[last]]) else "effort"
         text += f" In the last cycle the {word} vanishes at {places[0]}; the twin's, at {places[1]}."
     return text
 

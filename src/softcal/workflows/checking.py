@@ -20,7 +20,7 @@ from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.chamber import ChamberTerm
 from softcal.project.project import Project, ProjectSource, project_of
-from softcal.sensing.channel import TIME, ChannelName, kinds
+from softcal.sensing.channel import TIME, ChannelName
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
@@ -29,9 +29,8 @@ from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
-from softcal.workflows.checked_cables import cable_rows, off_course
+from softcal.workflows.checked_cables import beyond_limits, cable_rows, off_course
 from softcal.workflows.output import require_writable
-from softcal.workflows.simulation import protocol_of
 from softcal.workflows.start_states import BlockObserver, start_states
 
 # The measured stiffness is implausible beyond this factor of the twin's stiffness at the bounds of its moduli.
@@ -95,7 +94,7 @@ def check(
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += [*_beyond_bounds(project), *off_course(project.robot)]
-    warnings += [*_unstable_at_rest(project), *_beyond_machines(project)]
+    warnings += [*_unstable_at_rest(project), *beyond_limits(project)]
     if project.experiments and project.space is not None:
         from softcal.workflows.calibration import plan
 
@@ -134,21 +133,6 @@ def _unstable_at_rest(project: Project) -> list[str]:
             if not (mu > 0.0 and E > 0.0):
                 moduli = f"shear modulus {format_quantity(mu, 'Pa')}, Young's modulus {format_quantity(E, 'Pa')}"
                 sentences.append(f"{name}: with these constants {body.law} is unstable at rest ({moduli})")
-    return sentences
-
-
-def _beyond_machines(project: Project) -> list[str]:
-    """Tests whose commands, at the start values, are beyond the limits of the actuators."""
-    sentences: list[str] = []
-    of = kinds()
-    for name in project.experiments:
-        for actuator, command in protocol_of(project, name).commands.items():
-            channel, unit = f"{actuator}.{command.control}", of[command.control].unit
-            low, high = project.robot.limited.get(channel, (-np.inf, np.inf))
-            beyond = [end for end in (command.values.min(), command.values.max()) if not low <= end <= high]
-            if beyond:
-                got, allowed = format_quantity(float(beyond[-1]), unit), format_range(low, high, unit)
-                sentences.append(str(Fault(f"{name}: the test is beyond the limits of {channel}", "", got, allowed)))
     return sentences
 
 

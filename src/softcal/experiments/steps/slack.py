@@ -45,8 +45,16 @@ class TautPoint:
 def find_slack(dataset: Dataset, threshold: float | None = None, by: str | None = None) -> TautPoint:
     """The taut point of the loading branch, averaged over the cycles.
 
-    A constant (the floor) and a rising line that intersect at the taut point are fitted by least squares to the samples
-    up to `threshold` [SI] above the lowest effort; None takes a quarter of the effort's range.
+    A constant (the floor) and a rising line that intersect at the taut point are fitted by least squares.
+
+    Parameters
+    ----------
+    dataset
+        The record.
+    threshold
+        Of the samples for the fit: how far [SI] they rise above the lowest effort; None: a quarter of its range.
+    by
+        A channel of the actuator; None: of the one that the record drives.
 
     Raises
     ------

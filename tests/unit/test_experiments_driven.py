@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import bench_record
 import numpy as np
@@ -11,6 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from softcal.analysis.record import RecordFit
+from softcal.calibration.problem.experiment import Experiment
+from softcal.calibration.problem.observation import Observation
+from softcal.calibration.results.fit import experiment_fit
 from softcal.errors import DatasetError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.hysteresis import loops
@@ -20,7 +26,13 @@ from softcal.experiments.steps.branches import take_branch
 from softcal.experiments.steps.cycles import find_cycles
 from softcal.experiments.steps.flow import integrate_flow
 from softcal.experiments.steps.slack import find_slack
+from softcal.report.cycles import cycle_sentence, cycles_table
+from softcal.report.figures.loops import draw_loops
+from softcal.report.format import number
 from softcal.units import parse_quantity
+
+if TYPE_CHECKING:
+    from softcal.report.content import ReportContent
 
 CABLE = ("shortening", "tension")
 # Coordinate and effort of an actuator, and what stands for 1 m and 1 N of a cable: powers of two, which round nothing.
@@ -253,3 +265,20 @@ def test_a_flow_without_a_time_or_with_a_volume_is_refused() -> None:
     assert "main.flow reaches 0.05 m^3/s, above 0.01 m^3/s: ml/min read as l/s?" in " ".join(
         check_plausible(dataset(time=np.arange(3.0), main__flow=np.array([0.0, 0.05, 0.01])))
     )
+
+
+def test_cycles_of_a_pressure_are_told_and_drawn_as_such() -> None:
+    whole = prepare(record(("main.volume", "main.pressure"), (2e-4, 4e3), n=2), ["find_cycles"])
+    test = Experiment("blown", whole, drive=("main.volume",), compared=("main.pressure",))
+    seen = Observation({"main.pressure": 1.02 * whole.values("main.pressure")}, {}, {}, {})
+    fit = experiment_fit(test, seen)
+    assert [cycle.measured.units for cycle in fit.cycles] == [("m^3", "Pa")] * 2
+    told = cycle_sentence("blown", fit)
+    assert re.search(r"In the last cycle the effort vanishes at 0\.5\d+ ml; the twin's, at 0\.5\d+ ml\.", told), told
+    figure = draw_loops("blown", whole, fit)
+    labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
+    assert labels[0] == ("Pumped volume [ml]", "Pressure [kPa]")
+    corrected = RecordFit(fit, whole, test.drives)
+    table = cycles_table(cast("ReportContent", SimpleNamespace(records={"fit": {"blown": corrected}})))
+    assert [column.header for column in table.columns][2] == "Peak effort"
+    assert table.rows[0][2] == f"{number(fit.cycles[0].measured.peak_effort / 1e3)} kPa"

@@ -29,6 +29,7 @@ from softcal.experiments.steps.slack import find_slack
 from softcal.report.cycles import cycle_sentence, cycles_table
 from softcal.report.figures.loops import draw_loops
 from softcal.report.format import number
+from softcal.twin.response import Derivatives
 from softcal.units import parse_quantity
 
 if TYPE_CHECKING:
@@ -270,7 +271,7 @@ def test_a_flow_without_a_time_or_with_a_volume_is_refused() -> None:
 def test_cycles_of_a_pressure_are_told_and_drawn_as_such() -> None:
     whole = prepare(record(("main.volume", "main.pressure"), (2e-4, 4e3), n=2), ["find_cycles"])
     test = Experiment("blown", whole, drive=("main.volume",), compared=("main.pressure",))
-    seen = Observation({"main.pressure": 1.02 * whole.values("main.pressure")}, {}, {}, {})
+    seen = Observation({"main.pressure": 1.02 * whole.values("main.pressure")}, Derivatives(), {}, {})
     fit = experiment_fit(test, seen)
     assert [cycle.measured.units for cycle in fit.cycles] == [("m^3", "Pa")] * 2
     told = cycle_sentence("blown", fit)

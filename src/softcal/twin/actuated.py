@@ -222,8 +222,12 @@ def limited_channels(parts: Iterable[ActuatedPart], key: str) -> dict[str, Quant
     key
         A channel, such as `front.tension`, or a kind of channel, such as `tension`, for all that have it.
     """
-    each = ((f"{part.name}.{control}", quantity) for part in parts for control, quantity in part.controls.items())
-    return {name: quantity for name, quantity in each if key in (name, name.rpartition(".")[2])}
+    return {
+        f"{part.name}.{control}": quantity
+        for part in parts
+        for control, quantity in part.controls.items()
+        if key in (control, f"{part.name}.{control}")
+    }
 
 
 def limits_faults(parts: Sequence[ActuatedPart], key: str, low: float, high: float) -> list[Fault]:

@@ -236,7 +236,7 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     # The machines' own; of an actuator that does not drive, only where one that drives pulls it, as a cable of a drive.
     led = {**dict.fromkeys(live.controls, ""), **live.robot.led}
     driving = {name for name in led if name in live.controls or led[name] in live.controls}
-    own = {name: ends for name, ends in live.robot.limited.items() if name.rpartition(".")[0] in driving}
+    own = {name: ends for name, ends in live.robot.limited.items() if channel_name(name).carrier in driving}
     for key, (low, high) in (*own.items(), *(limits or {}).items()):
         if not low <= high:
             faults.append(Fault("the limits contradict each other", f"limits.{key}", f"{low:g} to {high:g}"))

@@ -181,7 +181,10 @@ def _parse_setting(
             name = channel_name(str(named))
             unit = channel_unit(str(named))
             if setting.drives and name.kind.drives:
-                unit = actuator_of(name).units[("coordinate", "effort").index(setting.drives)]
+                kind = actuator_of(name).kinds[("coordinate", "effort").index(setting.drives)]
+                if kind.offset is not None:  # it is one: a slack, a floor of the effort
+                    return kind.offset[1].read(value, where=where)
+                unit = kind.unit
             if unit is None:
                 # That setting is reported as a fault itself; the unit of this one is unknown.
                 named = f"a quantity in the unit of the channel that '{setting.channel_from}' names"

@@ -36,7 +36,7 @@ class Setting(Checked):
         Of "of channel": the setting that names the channel.
     drives : {"", "coordinate", "effort"}
         Of "channel": where the setting is left out, the driven actuator's coordinate or effort is meant. Of "of
-        channel": the unit is that of the coordinate or the effort of the actuator whose channel is named, or that the
+        channel": it is an offset of the coordinate or the effort of the actuator whose channel is named, or that the
         record drives.
     former : str
         Another name under which projects may have the setting.

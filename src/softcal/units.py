@@ -101,6 +101,7 @@ FREQUENT = {
     "[mass] / [time] ** 2": {"N/m": 1000.0},
     "[time] ** 2 / [mass]": {"m/N": 0.001},
     "[length] ** 4 * [time] ** 2 / [mass]": {"m^3/Pa": 0.001},
+    "[length] ** 3 / [time]": {"m^3/s": 1.0, "ml/min": 1e-6 / 60.0},
     "[angle]": {"rad": 1.0, "deg": 0.017453292519943295},
     "[angle] / [length]": {"rad/m": 1.0},
     "[time]": {"s": 1.0, "ms": 0.001},
@@ -140,6 +141,7 @@ _USUAL = {
     "N": ("N", "mN", "kN", "kgf", "gf", "lbf"),
     "Pa": ("Pa", "kPa", "MPa", "GPa", "psi", "bar", "mbar", "mmHg", "N/mm^2"),
     "m^3": ("m^3", "ml", "l", "mm^3", "cm^3"),
+    "m^3/s": ("ml/min", "ml/s", "l/min", "m^3/s"),
     "rad": ("rad", "mrad", "deg"),
     "s": ("s", "ms", "min", "h"),
     "kg": ("kg", "g", "mg", "lb", "oz"),
@@ -407,7 +409,7 @@ def readable_unit(value: float, si_unit: str) -> str:
         return "g"
     if si_unit == "N*m" and abs(value) < 0.09995:
         return "N*mm"
-    return {"m": "mm", "rad": "deg", "m^3": "ml"}.get(si_unit, si_unit)
+    return {"m": "mm", "rad": "deg", "m^3": "ml", "m^3/s": "ml/min"}.get(si_unit, si_unit)
 
 
 def _unreadable(value: object, si_unit: str, where: str, attempt: str = "") -> UnitError:

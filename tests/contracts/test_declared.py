@@ -38,6 +38,7 @@ from softcal.plugins.sofa.settings import Rest, SofaSettings
 from softcal.project.bench_schema import BenchFile
 from softcal.project.document import Document, Findings
 from softcal.project.robot_schema import (
+    KINDS,
     BodySection,
     CableSection,
     LoadSection,
@@ -360,7 +361,7 @@ MADE_OF = [
     (
         RobotSection,
         Robot,
-        {"bodies", "rods", "plates", "ties", "cables", "actuators", "loads", "markers", "sensors", "contact", "limits"},
+        {*KINDS, "contact", "limits", "actuator_limits"},
     ),
 ]
 

@@ -60,6 +60,7 @@ def cycles() -> Dataset:
         "time": Channel(np.arange(len(d)) * 0.1, "s"),
         "shortening": Channel(d, "m"),
         "tension": Channel(force, "N"),
+        "main.flow": Channel(np.full(len(d), 1e-7), "m^3/s"),
     }
     found = prepare(Dataset("pull", channels), ["find_cycles", "classify_cycles"])
     return found
@@ -93,6 +94,7 @@ def test_a_step_leaves_its_dataset_as_it_was_and_is_recorded(name: str, record: 
     assert earlier == list(before.provenance)
     assert last.name == name
     assert last.outcome
+    assert set(step.settings) <= set(last.settings)
     if step.leaves_out == "":
         assert after.n_samples >= before.n_samples or name == "remove_slack"
 

@@ -142,6 +142,8 @@ def test_a_pose_is_reached_by_volume():
     [
         (["main=40kPa", "main=5ml"], "the chamber is pulled twice"),
         (["front=40mm"], "the robot has no such actuator; got 'front'; allowed: main"),
+        (["main=4"], "got 'main=4'; allowed: a chamber and a pressure or volume: main=1Pa, main=1ml."),
+        (["main.mass=1kg"], "a mass hangs from a cable, and this is a chamber; got 'main.mass=1kg'; allowed: pressure"),
     ],
 )
 def test_a_wrong_pull_of_a_chamber_is_told_in_its_own_words(pulls, says):
@@ -390,6 +392,47 @@ def test_a_chamber_is_swept_and_has_a_fleet(tmp_path):
     found = fleet(path.parent, out=tmp_path / "fleet")
     moduli = [one.parameters["box.youngs_modulus"].value for one in found.specimens]
     assert moduli == pytest.approx([6e5, 8e5], rel=0.01)
+
+
+PUMP = """\
+  pumped:
+    drive: [main.volume]
+    files:
+      - path: pumped.csv
+        columns:
+          time: {name: t, unit: s}
+          main.flow: {name: q, unit: ml/min}
+          main.pressure: {name: p, unit: kPa}
+          tip.x: {name: x, unit: mm}
+    prepare: [integrate_flow, find_cycles, {take_branch: {n_samples: 12}}]
+    noise: {tip: 0.001 mm, main.pressure: 10 Pa}
+parameters:
+  box.youngs_modulus: {bounds: [0.1 MPa, 10 MPa], scale: log}
+  main.volume_gain: {bounds: [0.8, 1.2]}
+"""
+
+
+def test_a_record_of_flow_drives_the_twin_by_its_volume(tmp_path):
+    time, flow = np.linspace(0.0, 8.0, 41), np.where(np.arange(41) < 20, 1e-6, -1e-6)
+    flow[[0, 20, 40]] = 0.0
+    volume = np.concatenate([[0.0], np.cumsum(0.5 * (flow[1:] + flow[:-1]) * np.diff(time))])
+    read = time, 6e7 * flow, 5e6 * volume, 2e5 * volume
+    rows = "".join(f"{t:.9g},{q:.9g},{p:.9g},{x:.9g}\n" for t, q, p, x in zip(*read, strict=True))
+    (tmp_path / "pumped.csv").write_text("t,q,p,x\n" + rows, encoding="utf-8")
+    start, _, rest = PROJECT.partition("  vacuum:")
+    text = start + PUMP + rest[rest.index("calibration:") :]
+    (tmp_path / "project.yaml").write_text(text, encoding="utf-8")
+    write_mesh(box().bodies[0].mesh, tmp_path / "box.msh")
+    project = load(tmp_path / "project.yaml")
+    test = project.experiments["pumped"]
+    assert [*test.dataset.channels] == ["main.volume", "main.pressure", "tip.x"]
+    assert test.compared == ("main.pressure", "tip.x")
+    np.testing.assert_allclose(test.dataset.values("main.pressure"), 5e9 * test.dataset.values("main.volume"))
+    assert test.dataset.values("main.volume")[-1] == pytest.approx(volume.max(), rel=0.1)
+    assert "main.volume_gain" in project.parameters  # that of the flow sensor
+    (tmp_path / "without.yaml").write_text(text.replace("[integrate_flow, ", "["), encoding="utf-8")
+    with pytest.raises(ProjectFileError, match=r"flow is no channel of the twin; got main\.flow\. Try: integrate_flow"):
+        load(tmp_path / "without.yaml")
 
 
 def test_the_last_shape_is_the_furthest_on_either_side():

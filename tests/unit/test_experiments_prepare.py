@@ -66,7 +66,7 @@ def test_zero() -> None:
 
 def test_slack_is_found_under_noise() -> None:
     taut = find_slack(ramp(400, noise=0.03))
-    assert_allclose(taut.shortening, 4e-3, atol=1.5e-4)
+    assert_allclose(taut.coordinate, 4e-3, atol=1.5e-4)
     assert_allclose(taut.floor, 1.3, atol=0.02)
     assert_allclose(taut.stiffness, 430.0, rtol=0.05)
 

@@ -50,7 +50,8 @@ def test_a_channel_knows_what_it_is() -> None:
     assert carriers(kinds()["x"]) == ("markers", "plates")
     # In the order in which their modules were imported, which is that of the tests before.
     assert sorted(kinds()) == [
-        "angle", "pitch", "pressure", "roll", "shortening", "tension", "time", "torque", "volume", "x", "y", "yaw", "z"
+        "angle", "flow", "pitch", "pressure", "roll", "shortening", "tension", "time", "torque", "volume",
+        "x", "y", "yaw", "z"
     ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Inelastic effects, cycle by cycle: energies of the loops, peaks, and the travel that is left without a force."""
+"""Inelastic effects, cycle by cycle: energies of the loops, peaks, and the travel that is left without an effort."""
 
 from __future__ import annotations
 
@@ -8,25 +8,43 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.driven import driven
 from softcal.experiments.steps.branches import cycle_rows
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 
-VANISHED = 0.02  # of the peak: a tension below it has vanished
+VANISHED = 0.02  # of the peak: an effort, such as a tension, below it has vanished
 
 
 @dataclass(frozen=True)
 class Loop:
-    """Energies of one cycle: work of loading [J], energy dissipated in the loop [J]; peak tension [N], travel [m].
+    """Energies of one cycle of an actuator, and where its effort is largest and vanishes.
 
-    hysteresis [-]: dissipated energy over the work of loading. vanishes_at: the shortening [m] at which the tension has
-    vanished as the cable is let go, slack and permanent set together; None where it does not.
+    Attributes
+    ----------
+    number
+        Of the cycle, from 0.
+    loading_energy
+        Work of loading [J].
+    lost_energy
+        Energy dissipated in the loop [J].
+    peak_effort
+        Largest effort [SI], of a cable the tension [N]; of a cycle into a vacuum the lowest.
+    travel
+        Range of the coordinate [SI], of a cable the shortening [m].
+    vanishes_at
+        The coordinate [SI] at which the effort has vanished as the actuator is let go, slack and permanent set
+        together; None where it does not.
+    units
+        SI units of the coordinate and of the effort.
     """
 
     number: int
     loading_energy: float
     lost_energy: float
-    peak_tension: float
+    peak_effort: float
     travel: float
     vanishes_at: float | None = None
+    units: tuple[str, str] = (SHORTENING.unit, TENSION.unit)
 
     @property
     def hysteresis(self) -> float:
@@ -35,37 +53,46 @@ class Loop:
 
 
 def loops(dataset: Dataset) -> tuple[Loop, ...]:
-    """Energies of every cycle, by the area under its branches over the shortening.
+    """Energies of every cycle, by the area under its branches over the coordinate of the driven actuator.
+
+    An actuator that also acts the other way, such as a motor that turns to and fro, loads the robot on either side: its
+    work of loading is that of both.
 
     Raises
     ------
     DatasetError
-        If there is no shortening, tension or cycle.
+        If there is no coordinate, effort or cycle.
     """
-    shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    of = driven(dataset)
+    sign, travel, effort = of.sign(dataset), of.rising(dataset, of.coordinate), of.rising(dataset, of.effort)
     found: list[Loop] = []
     for cycle in cycle_rows(dataset):
         # The dwell at the turning point is part of the loop, though of neither branch.
         rows = np.arange(cycle.loading[0], cycle.unloading[-1] + 1)
-        loading = _area(shortening, tension, cycle.loading)
-        pulled, force = shortening[cycle.unloading], tension[cycle.unloading]
+        if of.is_cable:
+            loading = _area(travel, effort, cycle.loading)
+        else:
+            loading = _area(travel, np.maximum(effort, 0.0), cycle.loading)
+            loading += _area(travel, np.minimum(effort, 0.0), cycle.unloading)
+        let_go, force = travel[cycle.unloading], effort[cycle.unloading]
         least, vanishes_at = VANISHED * float(force.max()), None
         below = np.flatnonzero(force <= least)
         if below.size and below[0] > 0:
             pair = slice(int(below[0]) - 1, int(below[0]) + 1)
-            vanishes_at = float(np.interp(-least, -force[pair], pulled[pair]))
+            vanishes_at = sign * float(np.interp(-least, -force[pair], let_go[pair]))
         found.append(
             Loop(
                 number=cycle.number,
                 loading_energy=loading,
-                lost_energy=_area(shortening, tension, rows),
-                peak_tension=float(tension[rows].max()),
-                travel=float(np.ptp(shortening[rows])),
+                lost_energy=_area(travel, effort, rows),
+                peak_effort=sign * float(effort[rows].max()),
+                travel=float(np.ptp(travel[rows])),
                 vanishes_at=vanishes_at,
+                units=of.units,
             )
         )
     return tuple(found)
 
 
-def _area(shortening: Floats, tension: Floats, rows: np.ndarray) -> float:
-    return float(np.trapezoid(tension[rows], shortening[rows]))
+def _area(travel: Floats, effort: Floats, rows: np.ndarray) -> float:
+    return float(np.trapezoid(effort[rows], travel[rows]))

@@ -8,19 +8,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.driven import driven_whole
 from softcal.experiments.header import column_unit
 from softcal.experiments.steps.branches import curve
 from softcal.experiments.table import is_unit_of, split_header
 from softcal.sensing.channel import channel_name
 from softcal.units import unit_factor
 
-STIFFNESS_RANGE = (10.0, 1e5)  # [N/m]
 _MAX_SPEED = 1.0  # [m/s]
 _MIN_ANGLE = 1e-3  # [rad]
 _BINS = 20
 _REPEATED = 0.1  # share of rows that may repeat the one before, as at a standstill that is coarsely resolved
 _CHANCE = 2  # distinct values, which two tests may well have in common
-_FLOOR = 0.1  # share of the force's range that still counts as slack
+_FLOOR = 0.1  # share of the effort's range that still counts as slack
 
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
@@ -97,37 +97,47 @@ def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]
 
 
 def _stiffness(dataset: Dataset) -> list[str]:
-    if not {"tension", "shortening"} <= dataset.channels.keys():
+    of = driven_whole(dataset)
+    if of is None:
         return []
-    shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    coordinate, effort = of.rising(dataset, of.coordinate), of.rising(dataset, of.effort)
     if dataset.n_samples == 1:
-        needed = "a stiffness needs two or more, at different shortenings"
+        needed = f"a stiffness needs two or more, at different {of.kinds[0].name}s"
         return [f"the record has one sample, and {needed}: do where or skip_rows leave out too many?"]
-    if np.ptp(shortening) <= 0.0:
-        return ["the shortening never changes: is it the right column?"]
-    if np.ptp(tension) <= 0.0:
-        return ["the tension never changes: is it the right column?"]
-    s, values = curve(shortening, {"tension": tension}, _BINS)
-    force = values["tension"]
+    for name, values in ((of.coordinate, coordinate), (of.effort, effort)):
+        if np.ptp(values) <= 0.0:
+            return [f"the {name} never changes: is it the right column?"]
+    s, means = curve(coordinate, {of.effort: effort}, _BINS)
+    force = means[of.effort]
     if len(s) < 2:
         return []
     taut = force[1:] > force.min() + _FLOOR * np.ptp(force)
     if not taut.any():
-        ends = f"{tension.min():.3g} to {tension.max():.3g} N"
-        return [f"the tension does not rise with the shortening ({ends}): is it the right column?"]
+        measured, unit = dataset.values(of.effort), of.units[1]
+        ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
+        return [f"the {of.effort} does not rise with the {of.coordinate} ({ends}): is it the right column?"]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
-    lower, upper = STIFFNESS_RANGE
-    warnings: list[str] = []
-    if median < 0.0 or float(np.mean(tension)) < -0.1 * float(np.max(np.abs(tension))):
-        warnings.append(
-            f"tension is {np.mean(tension):.3g} N on average and changes by {median:.3g} N/m with "
+    (coordinate_kind, effort_kind), shown = of.kinds, of.slope_in_words(median)
+    lower, upper = effort_kind.slope or (0.0, np.inf)
+    average = float(np.mean(effort))
+    if of.is_cable and (median < 0.0 or average < -0.1 * float(np.max(np.abs(effort)))):
+        return [
+            f"tension is {average:.3g} N on average and changes by {median:.3g} N/m with "
             f"shortening: does the machine write tension or displacement negative (scale: -1)?"
-        )
-    elif not lower <= median <= upper:
+        ]
+    if median < 0.0:
+        falls = f"the {of.effort} falls as the {of.coordinate} rises, by {shown} (median)"
+        return [f"{falls}: is one of the two written with the other sign (scale: -1)?"]
+    if lower <= median <= upper:
+        return []
+    if of.is_cable:
         guess = "displacement in m" if median > upper else "displacement in um"
         force_guess = "force in N read as kN" if median > upper else "force in kN read as N"
-        warnings.append(
+        return [
             f"the stiffness dT/dd is {median:.3g} N/m (median), expected {lower:g} to {upper:g} N/m: "
             f"force in kN or displacement in m by mistake ({force_guess}, or {guess} read as mm)?"
-        )
-    return warnings
+        ]
+    rises = f"the {of.effort} rises by {shown} of the {of.coordinate} (median)"
+    ends = " to ".join(of.slope_in_words(end) for end in (lower, upper))
+    mistakes = f"{effort_kind.mistake}, or {coordinate_kind.mistake}, or the reverse"
+    return [f"{rises}, expected {ends}: a wrong unit of one of the two ({mistakes})?"]

@@ -7,16 +7,17 @@ name with settings (`zero: {channel: tension, by: min}`).
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from softcal.errors import DatasetError, Fault, InputError, unknown
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.driven import actuator_of, driven_among
 from softcal.experiments.step import STEPS, PreparationStep
 from softcal.limits import LIMITS
 from softcal.quantities import QUANTITIES
-from softcal.sensing.channel import channel_unit, kinds
+from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.units import parse_quantity
 
 _WRONG = "the setting does not fit"
@@ -57,17 +58,61 @@ def prepare(dataset: Dataset, steps: Sequence[PlannedStep | Mapping[str, Any] | 
     DatasetError
         If a step or setting is unknown (all are reported before any step is applied), or the data do not allow it.
     """
-    planned = parse_steps([step for step in steps if not isinstance(step, PlannedStep)])
+    channels = tuple(dataset.channels)
+    planned = parse_steps([step for step in steps if not isinstance(step, PlannedStep)], channels=channels)
     waiting = iter(planned)
     for step in steps:
         dataset = (step if isinstance(step, PlannedStep) else next(waiting)).apply(dataset)
     return dataset
 
 
-def parse_steps(steps: Sequence[Mapping[str, Any] | str], *, where: str = "prepare") -> tuple[PlannedStep, ...]:
+@dataclass(frozen=True)
+class _Record:
+    """The channels of a record as far as they are known, and those of them that drive the test."""
+
+    channels: Collection[str]
+    drives: Collection[str]
+
+    def meant(self, drives: str) -> str:
+        """The coordinate or the effort of the driven actuator, as a setting means it that is left out.
+
+        Raises
+        ------
+        DatasetError
+            If there are several actuators, of which none is meant.
+        """
+        of = driven_among([name for name in self.drives if channel_name(name).kind.drives] or self.channels)
+        return of.effort if drives == "effort" else of.along(self.channels)
+
+    @property
+    def is_told_by_its_drive(self) -> bool:
+        """Whether the record has several actuators, of which one drives the test."""
+        there, driving = (
+            {actuator_of(name) for name in map(channel_name, names) if name.kind.drives}
+            for names in (self.channels, self.drives)
+        )
+        return len(there) > 1 and len(driving) == 1
+
+
+def parse_steps(
+    steps: Sequence[Mapping[str, Any] | str],
+    *,
+    where: str = "prepare",
+    channels: Collection[str] = (),
+    drives: Collection[str] = (),
+) -> tuple[PlannedStep, ...]:
     """Steps as a project lists them, with every quantity in SI.
 
-    where: the key of the list; a fault is located at `where[i].step.setting`.
+    Parameters
+    ----------
+    steps
+        As a project lists them.
+    where
+        The key of the list; a fault is located at `where[i].step.setting`.
+    channels
+        Channels of the record, of whose actuator the units of some settings are; none: those of a cable.
+    drives
+        Those of them that drive the test.
 
     Raises
     ------
@@ -75,13 +120,14 @@ def parse_steps(steps: Sequence[Mapping[str, Any] | str], *, where: str = "prepa
         All unknown steps and settings (with the nearest known one), missing ones, and unreadable quantities.
     """
     faults: list[Fault] = []
-    planned = [_parse_step(step, f"{where}[{i}]", faults) for i, step in enumerate(steps)]
+    record = _Record(channels, drives)
+    planned = [_parse_step(step, record, f"{where}[{i}]", faults) for i, step in enumerate(steps)]
     if faults:
         raise DatasetError(faults)
     return tuple(step for step in planned if step is not None)
 
 
-def _parse_step(step: Mapping[str, Any] | str, where: str, faults: list[Fault]) -> PlannedStep | None:
+def _parse_step(step: Mapping[str, Any] | str, record: _Record, where: str, faults: list[Fault]) -> PlannedStep | None:
     entry = {step: None} if isinstance(step, str) else dict(step)
     if len(entry) != 1:
         got = ", ".join(str(key) for key in entry) or "nothing"
@@ -97,15 +143,20 @@ def _parse_step(step: Mapping[str, Any] | str, where: str, faults: list[Fault]) 
     elif not isinstance(given, Mapping):
         given = {next(iter(preparation.settings)): given}
     where = f"{where}.{name}"
+    former = {setting.former: key for key, setting in preparation.settings.items() if setting.former}
     values: dict[str, Any] = {}
-    for key, value in given.items():
+    for as_given, value in given.items():
+        key = former.get(str(as_given), str(as_given))
         if key not in preparation.settings:
-            faults.append(unknown("unknown setting", where, str(key), preparation.settings))
+            faults.append(unknown("unknown setting", where, key, preparation.settings))
             continue
         try:
-            values[key] = _parse_setting(preparation, key, value, given, f"{where}.{key}")
+            values[key] = _parse_setting(preparation, key, value, given, record, f"{where}.{as_given}")
         except InputError as error:
             faults.extend(error.faults)
+    for key, setting in preparation.settings.items():
+        if setting.kind == "channel" and setting.drives and key not in given and record.is_told_by_its_drive:
+            values[key] = record.meant(setting.drives)
     missing = [key for key in preparation.required if key not in given]
     if missing:
         faults.append(Fault("a setting is missing", where=where, got="no " + ", ".join(missing)))
@@ -113,7 +164,7 @@ def _parse_step(step: Mapping[str, Any] | str, where: str, faults: list[Fault]) 
 
 
 def _parse_setting(
-    preparation: PreparationStep, key: str, value: object, given: Mapping[str, Any], where: str
+    preparation: PreparationStep, key: str, value: object, given: Mapping[str, Any], record: _Record, where: str
 ) -> object:
     setting = preparation.settings[key]
     if setting.choices and isinstance(value, str) and value in setting.choices:
@@ -121,7 +172,19 @@ def _parse_setting(
     match setting.kind:
         case "of channel":
             default = inspect.signature(preparation.function).parameters[setting.channel_from].default
-            unit = channel_unit(str(given.get(setting.channel_from, default)))
+            named = given.get(setting.channel_from, default)
+            if named is None:
+                try:
+                    named = record.meant(preparation.settings[setting.channel_from].drives)
+                except DatasetError as error:
+                    raise DatasetError([replace(fault, where=where) for fault in error.faults]) from None
+            name = channel_name(str(named))
+            unit = channel_unit(str(named))
+            if setting.drives and name.kind.drives:
+                kind = actuator_of(name).kinds[("coordinate", "effort").index(setting.drives)]
+                if kind.offset is not None:  # it is one: a slack, a floor of the effort
+                    return kind.offset[1].read(value, where=where)
+                unit = kind.unit
             if unit is None:
                 # That setting is reported as a fault itself; the unit of this one is unknown.
                 named = f"a quantity in the unit of the channel that '{setting.channel_from}' names"

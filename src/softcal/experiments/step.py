@@ -34,6 +34,12 @@ class Setting(Checked):
         Words that are allowed, of some kinds beside what they read.
     channel_from : str
         Of "of channel": the setting that names the channel.
+    drives : {"", "coordinate", "effort"}
+        Of "channel": where the setting is left out, the driven actuator's coordinate or effort is meant. Of "of
+        channel": it is an offset of the coordinate or the effort of the actuator whose channel is named, or that the
+        record drives.
+    former : str
+        Another name under which projects may have the setting.
     of : str
         Of "count": what is counted, by its name in `LIMITS`.
     """
@@ -41,6 +47,8 @@ class Setting(Checked):
     kind: str
     choices: tuple[str, ...] = ()
     channel_from: str = "channel"
+    drives: Literal["", "coordinate", "effort"] = ""
+    former: str = ""
     of: str = "samples"
 
 

@@ -26,7 +26,7 @@ from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.experiments.table_format import TableFormat
 from softcal.project.bench_names import (
-    as_tension,
+    as_prepared,
     asked_of,
     compared_channels,
     noise_of,
@@ -37,6 +37,7 @@ from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.sensing.channel import channel_name, of_kind
 from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.chamber import FLOW
 from softcal.twin.robot import Robot
 
 
@@ -87,7 +88,7 @@ def build_bench(
     record = _joined(section, [r for r in records if r is not None], path, findings)
     if record is None or None in records:
         return None
-    channels = [as_tension(name) for name in record.channels]
+    channels = [as_prepared(name) for name in record.channels]
     noise = noise_of(section.noise, channels, (*path, "noise"), findings)
     compared = compared_channels(section, channels, path, findings)
     record = _with_tensions(record, built, path, findings)
@@ -108,6 +109,9 @@ def build_bench(
         with findings.at((*path, "prepare", i, key) if key else (*path, "prepare", i)):
             if len(findings.faults) == n_faults:
                 prepared.apply(step)
+    for channel in of_kind(FLOW, prepared.now.channels) if len(findings.faults) == n_faults else ():
+        what, attempt = "a flow is no channel of the twin", f"integrate_flow in prepare, for {as_prepared(channel)}"
+        findings.add((*path, "prepare"), what, got=channel, attempt=attempt)
     for channel, (key, sigma) in noise.items():
         if key == channel and compared and channel not in compared:
             findings.warn((*path, "noise", key), "this channel is not compared: its noise is not used")
@@ -176,7 +180,7 @@ def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings
     channels: dict[str, Channel] = {}
     for name, channel in record.channels.items():
         if name in hanging:
-            channels[as_tension(name)] = Channel(channel.values * g, "N", channel.sigma * g)
+            channels[as_prepared(name)] = Channel(channel.values * g, "N", channel.sigma * g)
         else:
             channels[name] = channel
     step = Step("weigh", {"gravity": g}, f"{', '.join(hanging)}: the tensions are weights under {g:.5g} m/s^2")

@@ -19,6 +19,7 @@ from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, noise_in
 from softcal.sensing.channel import carriers, channel_name, channel_unit, kinds, positions
 from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.chamber import FLOW, VOLUME
 from softcal.sensing.sensors.plate import ANGLES
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import robot_parameters, unknown_name
@@ -43,7 +44,7 @@ def check_names(
     """
     columns = [key for file in section.files for key in file.columns]
     if isinstance(section.drive, list):
-        known = [as_tension(key) for key in columns]
+        known = [as_prepared(key) for key in columns]
         for i, channel in enumerate(section.drive):
             if channel not in known:
                 findings.unknown((*path, "drive", i), "channel among the columns", channel, known)
@@ -65,7 +66,7 @@ def check_names(
             (*path, "drive"),
             "the drive of the twin is not specified",
             got=f"the channel {pulled[0]}, no drive",
-            allowed=f"drive: [{pulled[0].replace(MASS, 'tension')}], or compare other channels",
+            allowed=f"drive: [{as_prepared(pulled[0])}], or compare other channels",
         )
     if parts is None:
         return
@@ -113,10 +114,11 @@ def asked_of(file: BenchFile) -> dict[str, Any]:
     return {"columns": columns, "optional": optional, "where": where}
 
 
-def as_tension(name: str) -> str:
-    """A channel's name; for a hanging mass the name of the tension that its weight causes."""
+def as_prepared(name: str) -> str:
+    """A channel's name in the prepared record: of a hanging mass that of the tension, of a flow that of the volume."""
     one = channel_name(name)
-    return str(replace(one, kind=TENSION)) if one.kind.name == MASS else name
+    kind = {MASS: TENSION, FLOW.name: VOLUME}.get(one.kind.name)
+    return name if kind is None else str(replace(one, kind=kind))
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:

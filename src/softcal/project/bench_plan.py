@@ -11,7 +11,7 @@ from softcal.errors import InputError
 from softcal.experiments.header import raise_faults, read_layout
 from softcal.experiments.prepare import PlannedStep, parse_steps
 from softcal.experiments.steps.branches import PULLEY_STEP
-from softcal.project.bench_names import asked_of, check_names, noise_of
+from softcal.project.bench_names import as_prepared, asked_of, check_names, noise_of
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
@@ -44,10 +44,12 @@ def plan_bench(
     """
     path: KeyPath = ("experiments", name)
     check_names(section, parts, path, findings)
+    channels = [as_prepared(key) for file in section.files for key in file.columns]
+    drives = section.drive if isinstance(section.drive, list) else []
     steps: list[PlannedStep | None] = []
     for i, step in enumerate(section.prepare):
         try:
-            steps += parse_steps([step], where="")
+            steps += parse_steps([step], where="", channels=channels, drives=drives)
         except InputError as error:
             steps.append(None)
             for fault in error.faults:

@@ -15,6 +15,7 @@ from softcal.project.robot_parts import (
     Carriers,
     build_actuator,
     build_cable,
+    build_limits,
     build_load,
     build_marker,
     build_plate,
@@ -94,6 +95,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             markers=(*(given.markers if given else ()), *(marker for marker in markers if marker)),
         )
         robot = replace(robot, sensors=built_sensors(section.sensors, robot, findings))
+        robot = replace(robot, actuator_limits=build_limits(section.actuator_limits, robot.actuated, findings))
         check_whole(robot, findings, generated=[name for kind in KINDS for name in generated_names(section, kind)])
         if len(findings.faults) == n_faults:
             own_bodies = {body.name: body.mesh for body in given.bodies} if given else {}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.errors import InputError
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import nearest_places
 from softcal.project.document import Findings, KeyPath
@@ -20,12 +21,13 @@ from softcal.project.robot_schema import (
     TieSection,
     ViaSection,
 )
-from softcal.twin.actuated import Actuator, NamedActuator
+from softcal.project.section import Given
+from softcal.twin.actuated import ActuatedPart, Actuator, NamedActuator, limited_channels, limits_faults
 from softcal.twin.cables import require_changing_length
 from softcal.twin.joints import tie_fault
 from softcal.twin.robot import Cable, Marker, Moment, Plate, PointLoad, Rod, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.routing import bored, require_movable
-from softcal.units import format_quantity
+from softcal.units import format_quantity, parse_quantity
 
 NEARLY_OUTSIDE = 0.2
 """Share of the distance at which a point counts as outside its body: a curved surface is that far from plane faces."""
@@ -340,3 +342,28 @@ def build_marker(name: str, marker: MarkerSection, carriers: Carriers) -> Marker
     if marker.hole is None:
         carriers.support(marker.on, at, path, may_stand_off=True)
     return None if at is None else Marker(name, marker.on, at)
+
+
+def build_limits(
+    given: Mapping[str, Sequence[Given]], actuators: Sequence[ActuatedPart], findings: Findings
+) -> dict[str, tuple[float, float]]:
+    """The limits of actuators' channels [SI], without those that have a fault.
+
+    Parameters
+    ----------
+    given
+        Channel or kind of channel -> the lower and the upper one, as written.
+    actuators
+        The robot's.
+    findings
+        Collects the faults.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for key, ends in given.items():
+        with findings.at(("robot", "actuator_limits", key)):
+            quantity = next(iter(limited_channels(actuators, key).values()), None)
+            low, high = (0.0, 0.0) if quantity is None else (parse_quantity(end, quantity.unit) for end in ends)
+            if faults := limits_faults(actuators, key, low, high):
+                raise InputError([replace(fault, where="") for fault in faults])
+            found[key] = low, high
+    return found

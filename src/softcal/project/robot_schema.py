@@ -27,7 +27,7 @@ from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.document import Document, Findings
 from softcal.project.mesh_schema import Mesh, MeshShape, RegionSection
 from softcal.project.rod_schema import RodSection
-from softcal.project.section import Section, validated
+from softcal.project.section import Given, Section, validated
 from softcal.project.sensor_schema import ActuatorSection, SensorSection
 from softcal.quantities import Clearance, Density, Direction, Force, Friction, Mass, Size
 from softcal.quantities import Moment as MomentSize
@@ -242,6 +242,9 @@ class RobotSection(Section):
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
     contact: Annotated[Contact | None, Reading(_contact)] = None
     limits: PathLimits = Field(default_factory=PathLimits)
+    actuator_limits: Mapping[str, Annotated[list[Given], Field(min_length=2, max_length=2)]] = Field(
+        default_factory=dict
+    )
     sensors: Mapping[str, SensorSection] = Field(default_factory=dict)
     gravity: Gravity = Field(default_factory=lambda: np.zeros(3))
 

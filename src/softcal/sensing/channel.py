@@ -91,14 +91,15 @@ def channel_unit(name: str) -> str | None:
 
 
 def kinds() -> Mapping[str, ChannelKind]:
-    """Every kind of channel by its name: time, and those of all sensors, positions last."""
+    """Every kind of channel by its name: time, and those of all sensors and of their columns, positions last."""
     return _kinds(tuple(SENSORS.values()))
 
 
 @lru_cache(maxsize=8)
 def _kinds(sensors: tuple[type[Sensor], ...]) -> Mapping[str, ChannelKind]:
     # Names are parsed for every residual of a search; the sensors change only when one is registered.
-    own = sorted((kind for sensor in sensors for kind in sensor.kinds), key=lambda kind: kind.is_position)
+    each = (kind for sensor in sensors for kind in (*sensor.kinds, *sensor.columns))
+    own = sorted(each, key=lambda kind: kind.is_position)
     return {kind.name: kind for kind in (TIME, *own)}
 
 
@@ -118,7 +119,7 @@ def readings() -> Mapping[str, Quantity]:
 
 def carriers(kind: ChannelKind) -> tuple[str, ...]:
     """The robot's parts that carry channels of a kind: of "actuators", "cables", "markers", "plates" and "sensors"."""
-    owners = [sensor.of or "sensors" for sensor in SENSORS.values() if kind in sensor.kinds]
+    owners = [sensor.of or "sensors" for sensor in SENSORS.values() if kind in (*sensor.kinds, *sensor.columns)]
     return tuple(sorted({of if of in (*PARTS, "sensors") else "actuators" for of in owners}))
 
 

@@ -36,6 +36,8 @@ class ChannelKind:
         As offset, of the parameter by which what the twin reads is multiplied.
     drift
         As offset, of the parameter by which the reading has changed at the end of a record, in proportion to time.
+    slope
+        Of an effort: the plausible range [SI] of its slope over the coordinate; None where there is none.
     most, mistake
         Largest plausible magnitude [unit], and what a larger one suggests, such as "mm read as m".
     paper_weight
@@ -53,6 +55,7 @@ class ChannelKind:
     offset: tuple[str, Quantity] | None = None
     gain: tuple[str, Quantity] | None = None
     drift: tuple[str, Quantity] | None = None
+    slope: tuple[float, float] | None = None
     most: float = inf
     mistake: str = "the wrong unit"
     paper_weight: float | None = None

@@ -71,6 +71,8 @@ class Sensor(Declared, ABC):
         By which project files know it.
     kinds
         Its channels' kinds, in the order of what it reads.
+    columns
+        Kinds of channels that tables may have of the part and a step of preparation turns into those that it reads.
     of
         "cables", "plates", "markers", or the name of a kind of actuator, where every such part has this sensor: its one
         field is then the part's name. "" of a sensor that a project file lists.
@@ -78,6 +80,7 @@ class Sensor(Declared, ABC):
 
     name: ClassVar[str]
     kinds: ClassVar[tuple[ChannelKind, ...]]
+    columns: ClassVar[tuple[ChannelKind, ...]] = ()
     of: ClassVar[str] = ""
 
     @abstractmethod
@@ -125,7 +128,7 @@ def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fau
     attributes = [name for name in ("name", "kinds") if not hasattr(sensor, name)]
     missing = [*attributes, *sorted(sensor.__abstractmethods__)]
     faults = [Fault("the sensor lacks something", where, allowed=f"'{name}' must be there") for name in missing]
-    others = [kind for kind in getattr(sensor, "kinds", ()) if not isinstance(kind, ChannelKind)]
+    others = [kind for kind in (*getattr(sensor, "kinds", ()), *sensor.columns) if not isinstance(kind, ChannelKind)]
     faults += [Fault("this is not a kind of channel", where, repr(one), "a softcal.ChannelKind") for one in others]
     if faults:
         return faults
@@ -134,8 +137,9 @@ def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fau
     names = [kind.name for kind in sensor.kinds]
     if not names or len(set(names)) < len(names):
         faults.append(Fault("a sensor has one or more channels, of different kinds", where, ", ".join(names) or "none"))
-    taken = {kind.name: kind for one in known.values() for kind in one.kinds if one.name != sensor.name}
-    for kind in sensor.kinds:
+    others = [one for one in known.values() if one.name != sensor.name]
+    taken = {kind.name: kind for one in others for kind in (*one.kinds, *one.columns)}
+    for kind in (*sensor.kinds, *sensor.columns):
         if not kind.name.isidentifier() or kind.name.endswith("_sd") or kind.name in TAKEN or not kind.unit:
             what = "a kind of channel cannot be called so, or has no unit"
             faults.append(Fault(what, where, f"'{kind.name}' in '{kind.unit}'", attempt="another name"))

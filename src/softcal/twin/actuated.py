@@ -8,7 +8,7 @@ parameters and calibration ask the family. Cables, which have a section of their
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, cast
 
@@ -78,6 +78,11 @@ class Numbering(Protocol):
 
 class ActuatedPart(NamedPart, ABC):
     """A part that drives the robot: a cable, or a named actuator."""
+
+    @property
+    @abstractmethod
+    def noun(self) -> str:
+        """What it is in words, such as "cable" or "chamber"."""
 
     @property
     @abstractmethod
@@ -184,6 +189,10 @@ class NamedActuator(ActuatedPart):
     actuator: Actuator
 
     @property
+    def noun(self) -> str:
+        return self.actuator.name
+
+    @property
     def channels(self) -> tuple[ChannelKind, ChannelKind]:
         return self.actuator.channels
 
@@ -201,6 +210,47 @@ class NamedActuator(ActuatedPart):
     @property
     def ranges(self) -> tuple[Quantity, Quantity]:
         return self.actuator.ranges
+
+
+def limited_channels(parts: Iterable[ActuatedPart], key: str) -> dict[str, Quantity]:
+    """Channels of actuators that a key of limits means, with their kinds of quantity.
+
+    Parameters
+    ----------
+    parts
+        The actuators.
+    key
+        A channel, such as `front.tension`, or a kind of channel, such as `tension`, for all that have it.
+    """
+    return {
+        f"{part.name}.{control}": quantity
+        for part in parts
+        for control, quantity in part.controls.items()
+        if key in (control, f"{part.name}.{control}")
+    }
+
+
+def limits_faults(parts: Sequence[ActuatedPart], key: str, low: float, high: float) -> list[Fault]:
+    """The faults of limits of actuators' channels.
+
+    Parameters
+    ----------
+    parts
+        The actuators.
+    key
+        As of `limited_channels`.
+    low, high
+        The limits [SI].
+    """
+    where = f"actuator_limits.{key}"
+    found = limited_channels(parts, key)
+    if not found:
+        known = dict.fromkeys(name for part in parts for one in part.controls for name in (f"{part.name}.{one}", one))
+        return [unknown("no actuator has such a channel", "actuator_limits", key, known)]
+    faults = [fault for quantity in found.values() for end in (low, high) if (fault := quantity.fault(end, where))]
+    if not faults and not low < high:
+        faults.append(Fault("the limits contradict each other", where, f"{low:g} to {high:g}", "the lower one first"))
+    return faults[:1]
 
 
 def _faults(kind: type[Actuator], known: Mapping[str, type[Actuator]]) -> list[Fault]:

@@ -313,6 +313,10 @@ class Cable(ActuatedPart):
             )
 
     @property
+    def noun(self) -> str:
+        return "cable"
+
+    @property
     def channels(self) -> tuple[ChannelKind, ChannelKind]:
         return SHORTENING, TENSION
 

@@ -38,7 +38,7 @@ from softcal.mechanics.path_limits import PathLimits
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensor import NamedSensor
-from softcal.twin.actuated import ActuatedPart, NamedActuator
+from softcal.twin.actuated import ActuatedPart, NamedActuator, limited_channels, limits_faults
 from softcal.twin.barrier import Contact, require_wires
 from softcal.twin.cables import Cable, ViaPoint, require_changing_length
 from softcal.twin.clamp import Clamp, Zone, clamp_zone
@@ -400,6 +400,8 @@ class Robot(Checked):
     gravity : Acceleration (3,) [m/s^2]
     contact : Contact of the parts; None: they may overlap
     limits : Limits of the work on each of its load paths
+    actuator_limits : Channel of an actuator, such as `main.pressure`, or kind of channel, such as `tension` -> lowest
+        and highest value [SI] that its machine gives, which `reach` and `workspace` keep and `check` compares
     """
 
     bodies: tuple[Body, ...] = ()
@@ -414,6 +416,7 @@ class Robot(Checked):
     sensors: tuple[NamedSensor, ...] = ()
     limits: PathLimits = field(default_factory=PathLimits)
     actuators: tuple[NamedActuator, ...] = ()
+    actuator_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -439,6 +442,10 @@ class Robot(Checked):
                 if self.led[cable] != part.name:
                     got = f"{self.led[cable]} and {part.name}"
                     raise InputError(Fault("two actuators drive one cable", cable, got, "one of them"))
+        if faults := [
+            f for key, ends in self.actuator_limits.items() for f in limits_faults(self.actuated, key, *ends)
+        ]:
+            raise InputError(faults)
         if self.contact is not None:
             require_wires(self.rods)
 
@@ -484,6 +491,12 @@ class Robot(Checked):
     def commandable(self) -> tuple[ActuatedPart, ...]:
         """What has commands of its own: all that drives it but the cables of drives."""
         return tuple(part for part in self.actuated if part.name not in self.led)
+
+    @property
+    def limited(self) -> dict[str, tuple[float, float]]:
+        """Channel of an actuator -> its limits [SI]; those of a channel before those of its kind."""
+        of_kinds_first = sorted(self.actuator_limits.items(), key=lambda one: "." in one[0])
+        return {name: ends for key, ends in of_kinds_first for name in limited_channels(self.actuated, key)}
 
     @property
     def pretensioned(self) -> tuple[ActuatedPart, ...]:

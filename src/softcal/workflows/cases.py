@@ -81,9 +81,7 @@ def commanded(robot: Robot, table: Path) -> Protocol:
     twice = {one.carrier for one in given if sum(other.carrier == one.carrier for other in given) > 1}
     parts = {part.name: part for part in robot.actuated}
     faults = [
-        Fault(
-            f"the {_noun(robot, name)} has two commands", str(table), name, " or ".join([*parts[name].controls][::-1])
-        )
+        Fault(f"the {parts[name].noun} has two commands", str(table), name, " or ".join([*parts[name].controls][::-1]))
         for name in sorted(twice)
     ]
     if not given:
@@ -118,12 +116,13 @@ def parse_pulls(robot: Robot, texts: Sequence[str], option: str = "--pull") -> P
         at once.
     """
     commands = dict(Protocol({}).commands)
+    nouns = {part.name: part.noun for part in robot.actuated}
     faults: list[Fault] = []
     for text in texts:
         try:
             name, control, end = _parsed(robot, text, option)
             if name in commands:
-                noun = _noun(robot, name)
+                noun = nouns[name]
                 raise InputError(Fault(f"the {noun} is pulled twice", option, f"'{text}'", f"one pull for each {noun}"))
             commands |= pull(robot, name, control, end).commands
         except InputError as error:
@@ -133,14 +132,13 @@ def parse_pulls(robot: Robot, texts: Sequence[str], option: str = "--pull") -> P
     return Protocol(commands)
 
 
-def _noun(robot: Robot, name: str) -> str:
-    """What kind of part a driven one is, in words."""
-    return next((part.actuator.name for part in robot.actuators if part.name == name), "cable")
-
-
 def _parsed(robot: Robot, text: str, option: str) -> tuple[str, Control, float]:
     name, _, value = (part.strip() for part in text.partition("="))
     if name.endswith(HANGING):
+        hung = next((part for part in robot.actuators if part.name == name.removesuffix(HANGING)), None)
+        if hung is not None:
+            what, allowed = f"a mass hangs from a cable, and this is a {hung.noun}", " or ".join([*hung.controls][::-1])
+            raise InputError(Fault(what, option, f"'{text}'", allowed))
         mass = QUANTITIES["mass"].read(value, where=f"{option} {text}")
         gravity = float(np.linalg.norm(robot.gravity))
         if gravity == 0.0:
@@ -156,11 +154,17 @@ def _parsed(robot: Robot, text: str, option: str) -> tuple[str, Control, float]:
             return name, control, quantity.read(value)
         except UnitError:
             continue
-    allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
-    for part in {part.actuator.name: part for part in robot.actuators}.values():
+    # One of each kind that the robot has, by the name of its first.
+    examples: list[str] = []
+    for noun, part in {part.noun: part for part in robot.commandable[::-1]}.items():
         coordinate, effort = part.channels
-        units = f"{part.name}=1{effort.unit}, {part.name}=1{readable_unit(0.0, coordinate.unit)}"
-        allowed += f"; a {part.actuator.name} and a {effort.name} or {coordinate.name}: {units}"
+        if part in robot.cables:
+            units, more = "length or force", f"=2kgf; a mass hangs by {part.name}{HANGING}=2kg"
+            examples.insert(0, f"a {noun} and a {units}: {part.name}=40mm, {part.name}=8N, {part.name}{more}")
+        else:
+            units = f"{part.name}=1{effort.unit}, {part.name}=1{readable_unit(0.0, coordinate.unit)}"
+            examples.append(f"a {noun} and a {effort.name} or {coordinate.name}: {units}")
+    allowed = "; ".join(examples) or "an actuator, of which the robot has none"
     raise InputError(Fault("this is not a pull", option, f"'{text}'", allowed))
 
 

@@ -1,4 +1,6 @@
-"""What a check says of a robot's cables: where they run, what supports them, and where they leave their bores."""
+"""What a check says of a robot's cables: where they run, what supports them, where they leave their bores; and of the
+limits of all that drives it.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,15 @@ from itertools import groupby
 
 import numpy as np
 
+from softcal.errors import Fault
 from softcal.mechanics.attachment import Attachment
+from softcal.project.project import Project
+from softcal.sensing.channel import kinds
 from softcal.twin.bores import supports
 from softcal.twin.robot import Cable, Robot
 from softcal.twin.routing import off_bore
-from softcal.units import format_quantity
+from softcal.units import format_quantity, format_range
+from softcal.workflows.simulation import protocol_of
 
 
 def cable_rows(robot: Robot) -> list[tuple[str, str]]:
@@ -98,3 +104,18 @@ def _support_rows(cable: Cable, attachments: Mapping[int, Attachment]) -> list[t
     if spread:
         rows.append(("  extent", f"force over a radius of {', '.join(spread)}"))
     return rows
+
+
+def beyond_limits(project: Project) -> list[str]:
+    """Tests whose commands, at the start values, are beyond the limits of the actuators."""
+    sentences: list[str] = []
+    of = kinds()
+    for name in project.experiments:
+        for actuator, command in protocol_of(project, name).commands.items():
+            channel, unit = f"{actuator}.{command.control}", of[command.control].unit
+            low, high = project.robot.limited.get(channel, (-np.inf, np.inf))
+            beyond = [end for end in (command.values.min(), command.values.max()) if not low <= end <= high]
+            if beyond:
+                got, allowed = format_quantity(float(beyond[-1]), unit), format_range(low, high, unit)
+                sentences.append(str(Fault(f"{name}: the test is beyond the limits of {channel}", "", got, allowed)))
+    return sentences

@@ -29,7 +29,7 @@ from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
-from softcal.workflows.checked_cables import cable_rows, off_course
+from softcal.workflows.checked_cables import beyond_limits, cable_rows, off_course
 from softcal.workflows.output import require_writable
 from softcal.workflows.start_states import BlockObserver, start_states
 
@@ -94,7 +94,7 @@ def check(
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += [*_beyond_bounds(project), *off_course(project.robot)]
-    warnings += _unstable_at_rest(project)
+    warnings += [*_unstable_at_rest(project), *beyond_limits(project)]
     if project.experiments and project.space is not None:
         from softcal.workflows.calibration import plan
 

@@ -82,7 +82,8 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
         What drives each actuator: a control such as "tension" or "shortening" (its effort, where it has no such
         control), or one by name of each that is driven.
     limits
-        Channel, or kind of channel such as "tension" -> lowest and highest value [SI], infinite for none.
+        Channel, or kind of channel such as "tension" -> lowest and highest value [SI], infinite for none. The robot's
+        `actuator_limits` hold beside them.
     rates
         As limits: largest change per second [SI/s] from one target to the next.
     tolerances
@@ -232,7 +233,11 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     tolerance = each(tolerances, "tolerances", [TOLERANCES.get(unit, np.nan) for unit in units.values()])
     weight, rate = each(weights, "weights", np.ones(len(names))), each(rates, "rates", np.full(len(names), np.inf))
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for key, (low, high) in (limits or {}).items():
+    # The machines' own; of an actuator that does not drive, only where one that drives pulls it, as a cable of a drive.
+    led = {**dict.fromkeys(live.controls, ""), **live.robot.led}
+    driving = {name for name in led if name in live.controls or led[name] in live.controls}
+    own = {name: ends for name, ends in live.robot.limited.items() if channel_name(name).carrier in driving}
+    for key, (low, high) in (*own.items(), *(limits or {}).items()):
         if not low <= high:
             faults.append(Fault("the limits contradict each other", f"limits.{key}", f"{low:g} to {high:g}"))
         found = numbers(key, "limits")

@@ -38,7 +38,7 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
     twin: ProjectSource | Robot,
     channels: Sequence[str],
     *,
-    limits: Mapping[str, tuple[OrInfinite, OrInfinite]],
+    limits: Mapping[str, tuple[OrInfinite, OrInfinite]] | None = None,
     controls: Control | Mapping[str, Control] = "tension",
     pretension: float = 0.0,
     obstacles: Mapping[str, Obstacle] | None = None,
@@ -60,7 +60,7 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
         Such as `("tip.x", "tip.z")`.
     limits
         Channel, or kind of channel such as "tension" -> lowest and highest value [SI], infinite for none. Every command
-        needs an upper one.
+        needs an upper one, here or in the robot's `actuator_limits`, which hold too.
     controls
         What drives each actuator: a control such as "tension" or "shortening" (its effort, where it has no such
         control), or one by name of each that is driven.

@@ -13,6 +13,7 @@ from softcal.calibration.problem.observation import Observation
 from softcal.calibration.results.result import CycleFit, Distance, ExperimentFit
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.driven import driven_whole
 from softcal.experiments.hysteresis import loops
 from softcal.experiments.steps.branches import cycle_rows
 
@@ -44,7 +45,8 @@ def experiment_fit(
             away = np.sqrt(sum(errors[part] ** 2 for part in parts))
             distances[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
     cycles: tuple[CycleFit, ...] = ()  # where their samples were looked for, and go both ways
-    if has_cycles(experiment.dataset) and {"shortening", "tension"} & seen.predicted.keys():
+    of = driven_whole(experiment.dataset)
+    if of is not None and has_cycles(experiment.dataset) and {of.coordinate, of.effort} & seen.predicted.keys():
         simulated = {name: replace(one, values=seen.predicted.get(name, one.values)) for name, one in channels.items()}
         both = zip(loops(experiment.dataset), loops(replace(experiment.dataset, channels=simulated)), strict=True)
         cycles = tuple(CycleFit(*pair) for pair in both)
@@ -86,9 +88,10 @@ def _at_all(experiment: Experiment, widths: Mapping[str, Floats]) -> dict[str, F
 
 
 def has_cycles(data: Dataset) -> bool:
-    """Whether a dataset has cycles of force and travel that go both ways, every sample of them measured."""
-    if data.cycle is None or not (data.cycle >= 0).any() or not {"shortening", "tension"} <= data.channels.keys():
+    """Whether a dataset has cycles of an actuator's coordinate and effort that go both ways, every sample measured."""
+    of = driven_whole(data)
+    if of is None or data.cycle is None or not (data.cycle >= 0).any():
         return False
-    known = np.isfinite(data.values("shortening")) & np.isfinite(data.values("tension"))
+    known = np.isfinite(data.values(of.coordinate)) & np.isfinite(data.values(of.effort))
     both = all(min(len(one.loading), len(one.unloading)) > 1 for one in cycle_rows(data))
     return both and bool(known[data.cycle >= 0].all())

@@ -253,7 +253,8 @@ def workspace(  # noqa: PLR0913 (one argument for each option)
 ) -> None:
     """What the robot reaches within limits: border, mobility, compliance and singular poses, on the exact twin.
 
-    Of a project, or of a run at its calibrated values. Every command needs limits, such as --limit tension=0N..20N.
+    Of a project, or of a run at its calibrated values. Every command needs limits: those of the robot's
+    `actuator_limits`, or --limit tension=0N..20N.
     """
     from softcal.workflows.study_source import load_calibrated
 

@@ -1,4 +1,4 @@
-"""Load and unload branches of the cycles, and their average over the cycles on one grid of shortening."""
+"""Load and unload branches of the cycles, and their average over the cycles on one grid of the coordinate."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.driven import DrivenChannels, driven
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.noise import white_noise
 from softcal.units import format_quantity
@@ -35,17 +36,24 @@ class CycleRows:
     unloading: Ints
 
 
-def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
+def cycle_rows(dataset: Dataset, by: str | None = None) -> tuple[CycleRows, ...]:
     """The rows of every cycle by branch; a dataset without `find_cycles` is one cycle.
 
-    Samples that dwell at the turning point belong to neither branch, except the turning points themselves.
+    Samples that dwell at the turning point belong to neither branch, except the turning points themselves. The turning
+    point is that of the driven actuator's coordinate, or of its effort where the record has only that.
+
+    Parameters
+    ----------
+    by
+        A channel of the actuator; None: of the one that the record drives.
 
     Raises
     ------
     DatasetError
-        If there is no shortening channel, or no cycle.
+        If there is no such channel, or no cycle.
     """
-    shortening = dataset.values("shortening")
+    of = driven(dataset, by)
+    along = of.rising(dataset, of.along(dataset.channels))
     cycle = np.zeros(dataset.n_samples) if dataset.cycle is None else dataset.cycle
     numbers = np.unique(cycle[cycle >= 0]).astype(int)
     if not numbers.size:
@@ -53,7 +61,7 @@ def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
     found: list[CycleRows] = []
     for number in numbers.tolist():
         rows = np.flatnonzero(cycle == number)
-        travel = shortening[rows]
+        travel = along[rows]
         dwell = _DWELL * float(np.ptp(travel)) + 3.0 * white_noise(travel)
         top = np.flatnonzero(travel >= travel.max() - dwell)
         found.append(CycleRows(number, rows[: top[0] + 1], rows[top[-1] :]))
@@ -87,11 +95,15 @@ def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[
     return means(abscissa), {key: means(values) for key, values in ordinates.items()}
 
 
-@register_step(leaves_out="cycles", branch=BRANCH, n_samples=Setting("count"))
-def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int | None = None) -> Dataset:
-    """One monotonic curve over shortening: a branch, or the mean of both, averaged over the cycles.
+@register_step(
+    leaves_out="cycles", branch=BRANCH, n_samples=Setting("count"), by=Setting("channel", drives="coordinate")
+)
+def take_branch(
+    dataset: Dataset, branch: Branch = "loading", *, n_samples: int | None = None, by: str | None = None
+) -> Dataset:
+    """One monotonic curve over an actuator's channel: a branch, or the mean of both, averaged over the cycles.
 
-    Every channel except time is averaged over the cycles on a common grid of shortening; with two or more cycles, the
+    Every channel except time is averaged over the cycles on a common grid of that channel; with two or more cycles, the
     scatter of a single cycle about the average becomes the channel's sigma. `mean` is midway between loading and
     unloading, an estimate of the equilibrium curve.
 
@@ -99,11 +111,14 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
     ----------
     n_samples
         Points of the grid; None takes 200, or fewer if a branch has fewer samples.
+    by
+        The channel; None: the coordinate of the driven actuator, such as the shortening, or its effort where the record
+        has only that.
 
     Raises
     ------
     DatasetError
-        If a requested branch is missing, the cycles have no common range of shortening, or pulley friction was
+        If a requested branch is missing, the cycles have no common range of that channel, or pulley friction was
         corrected for another branch.
     """
     if branch not in ("loading", "unloading", "mean"):
@@ -111,10 +126,12 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
             Fault("no such branch", where=dataset.name, got=f"'{branch}'", allowed="loading, unloading, mean")
         )
     require_branch(dataset, branch)
-    cycles = cycle_rows(dataset)
+    of = driven(dataset, by)
+    along = by or of.along(dataset.channels)
+    cycles = cycle_rows(dataset, by)
     wanted = ("loading", "unloading") if branch == "mean" else (branch,)
-    of = {"loading": lambda cycle: cycle.loading, "unloading": lambda cycle: _let_go(dataset, cycle)}
-    rows = [[of[one](cycle) for one in wanted] for cycle in cycles]
+    part = {"loading": lambda cycle: cycle.loading, "unloading": lambda cycle: _let_go(dataset, of, cycle)}
+    rows = [[part[one](cycle) for one in wanted] for cycle in cycles]
     smallest = min(len(part) for parts in rows for part in parts)
     if smallest < 2:
         raise DatasetError(
@@ -126,25 +143,26 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
                 attempt="another branch, or select_cycles",
             )
         )
-    names = [key for key in dataset.channels if key not in ("time", "shortening")]
+    names = [key for key in dataset.channels if key not in ("time", along)]
     n_grid = min(200, smallest) if n_samples is None else n_samples
-    shortening, ordinates = dataset.values("shortening"), {key: dataset.values(key) for key in names}
+    sign, travel, ordinates = of.sign(dataset), of.rising(dataset, along), {key: dataset.values(key) for key in names}
     curves = [
-        [curve(shortening[part], {key: values[part] for key, values in ordinates.items()}, n_grid) for part in parts]
+        [curve(travel[part], {key: values[part] for key, values in ordinates.items()}, n_grid) for part in parts]
         for parts in rows
     ]
     lower = max(s[0] for parts in curves for s, _ in parts)
     upper = min(s[-1] for parts in curves for s, _ in parts)
+    unit = dataset.channels[along].unit
     if upper <= lower:
         raise DatasetError(
             Fault(
-                "the cycles have no range of shortening in common",
+                f"the cycles have no range of {along} in common",
                 where=dataset.name,
-                got=f"{format_quantity(lower, 'm')} to {format_quantity(upper, 'm')}",
+                got=f"{format_quantity(sign * lower, unit)} to {format_quantity(sign * upper, unit)}",
             )
         )
     grid = np.linspace(lower, upper, n_grid)
-    channels = {"shortening": replace(dataset.channels["shortening"], values=grid)}
+    channels = {along: replace(dataset.channels[along], values=sign * grid)}
     for key in names:
         stack = np.array([np.mean([np.interp(grid, s, v[key]) for s, v in parts], axis=0) for parts in curves])
         sigma = dataset.channels[key].sigma
@@ -154,12 +172,13 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
     numbers = [cycle.number for cycle in cycles]
     outcome = (
         f"{'mean of loading and unloading' if branch == 'mean' else branch} of {len(numbers)} cycle(s) "
-        f"on {n_grid} points, shortening {format_quantity(lower, 'm')} to {format_quantity(upper, 'm')}"
+        f"on {n_grid} points, {along} {format_quantity(sign * lower, unit)} to {format_quantity(sign * upper, unit)}"
     )
     if len(numbers) > 1:
         scatter = ", ".join(f"{k} {format_quantity(channels[k].sigma, channels[k].unit)}" for k in names)
         outcome += f"; scatter over the cycles: {scatter}"
-    step = Step(BRANCH_STEP, {"branch": branch, "n_samples": n_grid, "cycles": numbers}, outcome)
+    settings = {"branch": branch, "n_samples": n_grid, "cycles": numbers, "by": along}
+    step = Step(BRANCH_STEP, settings, outcome)
     return replace(dataset, channels=channels, cycle=None, provenance=(*dataset.provenance, step))
 
 
@@ -190,7 +209,7 @@ def require_branch(dataset: Dataset, branch: Branch) -> None:
             )
 
 
-def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:
+def _let_go(dataset: Dataset, of: DrivenChannels, cycle: CycleRows) -> Ints:
     """Unloading rows, without those at the reversal where friction still has the sign of loading.
 
     The turning point belongs to loading. If pulley friction was corrected, the branch starts once the tension is below
@@ -199,9 +218,9 @@ def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:
     exponent = pulley_exponent(dataset)
     if exponent <= 0.0 or len(cycle.loading) < 2:
         return cycle.unloading[1:]
-    shortening, tension = dataset.values("shortening"), dataset.values("tension")
-    order = cycle.loading[np.argsort(shortening[cycle.loading], kind="stable")]
-    pulled = np.interp(shortening[cycle.unloading], shortening[order], tension[order])
+    travel, tension = dataset.values(of.along(dataset.channels)), dataset.values(of.effort)
+    order = cycle.loading[np.argsort(travel[cycle.loading], kind="stable")]
+    pulled = np.interp(travel[cycle.unloading], travel[order], tension[order])
     reversed_ = tension[cycle.unloading] <= np.exp(-2.0 * _REVERSED * exponent) * pulled
     return cycle.unloading[max(int(np.argmax(reversed_)), 1) :]
 

@@ -12,6 +12,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.driven import DrivenChannels, driven
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import curve, cycle_rows
 from softcal.experiments.steps.noise import white_noise
@@ -24,11 +25,12 @@ _RETURN_TOLERANCE = 0.15
 # Share of the travel within which the crosshead counts as at rest between two cycles.
 _REST_TOLERANCE = 0.002
 _CURVE_BINS = 40
+_LOWER_FORCE_LIMIT = 0.1  # [N], at which testing machines reverse; other efforts have no such habit
 
 
 @dataclass(frozen=True)
 class CycleChange:
-    """Change from the previous cycle: peak tension [N], and changes of peak and loading curve over that peak."""
+    """Change from the previous cycle: peak of the effort [SI], and changes of peak and loading curve over that peak."""
 
     number: int
     peak: float
@@ -41,20 +43,29 @@ class CycleChange:
         return max(self.peak_change, self.curve_change)
 
 
-@register_step(lower_force_limit=Setting("force"), prominence=Setting("share"))
-def find_cycles(dataset: Dataset, lower_force_limit: float = 0.1, *, prominence: float = 0.25) -> Dataset:
+@register_step(
+    lower_limit=Setting("of channel", channel_from="by", drives="effort", former="lower_force_limit"),
+    prominence=Setting("share"),
+    by=Setting("channel", drives="effort"),
+)
+def find_cycles(
+    dataset: Dataset, lower_limit: float | None = None, *, prominence: float = 0.25, by: str | None = None
+) -> Dataset:
     """The dataset with the load-unload cycle number of every sample (-1 outside any).
 
-    A cycle is a peak of tension with a return on either side to the lower force limit, or to the floor that the force
-    actually returns to if drift or friction keep it above. Between two cycles the crosshead's return belongs to the
-    previous cycle, its advance to the next, and its rest to none. Incomplete cycles are omitted.
+    A cycle is a peak of the effort, such as tension or pressure, with a return on either side to the lower limit, or to
+    the floor that the effort actually returns to if drift or friction keep it above. Between two cycles the return of
+    the coordinate, such as the crosshead's, belongs to the previous cycle, its advance to the next, and its rest to
+    none. Incomplete cycles are omitted.
 
     Parameters
     ----------
-    lower_force_limit
-        Tension at which the machine reverses [N].
+    lower_limit
+        Effort at which the machine reverses [SI]; None: 0.1 N of a force, 0 of other efforts.
     prominence
-        Least height of a peak, as a share of the range of the tension.
+        Least height of a peak, as a share of the range of the effort.
+    by
+        A channel of the actuator; None: of the one that the record drives.
 
     Raises
     ------
@@ -63,57 +74,62 @@ def find_cycles(dataset: Dataset, lower_force_limit: float = 0.1, *, prominence:
     """
     from scipy.ndimage import uniform_filter1d
 
-    tension = dataset.values("tension")
-    peaks = _peaks(tension, prominence)
+    of = driven(dataset, by)
+    sign, unit = of.sign(dataset), of.units[1]
+    effort = of.rising(dataset, of.effort)
+    limit = lower_limit if lower_limit is not None else _LOWER_FORCE_LIMIT if unit == "N" else 0.0
+    limit = limit if sign > 0.0 else abs(limit)
+    peaks = _peaks(effort, prominence)
     if not peaks.size:
-        raise _no_cycle(dataset, tension, lower_force_limit)
-    smooth = uniform_filter1d(tension, max(1, len(tension) // (200 * len(peaks))))
-    noise = white_noise(tension)
-    edges = [0, *peaks.tolist(), len(tension) - 1]
+        raise _no_cycle(dataset, of, limit)
+    smooth = uniform_filter1d(effort, max(1, len(effort) // (200 * len(peaks))))
+    noise = white_noise(effort)
+    edges = [0, *peaks.tolist(), len(effort) - 1]
     valleys = [slice(a, b + 1) for a, b in pairwise(edges)]
     floors = np.array([smooth[valley].min() for valley in valleys])
     usual = float(np.median(floors[1:-1])) if len(floors) > 2 else float(floors.min())
-    returned = np.maximum(lower_force_limit, usual) + _RETURN_TOLERANCE * (smooth[peaks] - usual)
-    cycle = np.full(len(tension), -1.0)
+    returned = np.maximum(limit, usual) + _RETURN_TOLERANCE * (smooth[peaks] - usual)
+    cycle = np.full(len(effort), -1.0)
     bounds: list[tuple[int, int]] = []
     for k, peak in enumerate(peaks):
         if floors[k] > returned[k] or floors[k + 1] > returned[k]:
             continue
         margin = 3 * noise + 0.01 * (smooth[peak] - usual)
-        before = smooth[valleys[k]] > max(lower_force_limit, floors[k] + margin)
-        after = smooth[valleys[k + 1]] > max(lower_force_limit, floors[k + 1] + margin)
+        before = smooth[valleys[k]] > max(limit, floors[k] + margin)
+        after = smooth[valleys[k + 1]] > max(limit, floors[k + 1] + margin)
         start = valleys[k].start + (np.flatnonzero(~before)[-1] if not before.all() else 0)
         end = valleys[k + 1].start + (np.flatnonzero(~after)[0] if not after.all() else len(after) - 1)
         bounds.append((int(start), int(end)))
     if not bounds:
-        raise _no_cycle(dataset, tension, lower_force_limit)
-    if "shortening" in dataset.channels:
-        bounds = _with_ways_out_and_back(dataset.values("shortening"), bounds)
+        raise _no_cycle(dataset, of, limit)
+    if of.coordinate in dataset.channels:
+        bounds = _with_ways_out_and_back(of.rising(dataset, of.coordinate), bounds)
     for number, (start, end) in enumerate(bounds):
         cycle[start : end + 1] = number
     heights = [float(smooth[start : end + 1].max()) for start, end in bounds]
-    outcome = (
-        f"{len(bounds)} whole cycle(s), peaks {format_quantity(min(heights), 'N')} to "
-        f"{format_quantity(max(heights), 'N')}, the force returns to {format_quantity(float(floors.min()), 'N')}"
-        f" to {format_quantity(float(max(floors[1:-1], default=floors.min())), 'N')}"
-    )
+    ends = (min(heights), max(heights), float(floors.min()), float(max(floors[1:-1], default=floors.min())))
+    low, high, least, most = (format_quantity(sign * end, unit) for end in ends)
+    returns = f"the {of.effort_in_words} returns to {least} to {most}"
+    outcome = f"{len(bounds)} whole cycle(s), peaks {low} to {high}, {returns}"
     if len(bounds) < len(peaks):
         outcome += f"; {len(peaks) - len(bounds)} cut short and left out"
-    settings = {"lower_force_limit": lower_force_limit, "prominence": prominence}
+    settings = {"lower_limit": limit, "prominence": prominence, "by": of.effort}
     return replace(dataset, cycle=cycle, provenance=(*dataset.provenance, Step("find_cycles", settings, outcome)))
 
 
 def cycle_changes(dataset: Dataset) -> tuple[CycleChange, ...]:
     """Peak of every cycle, and the change of the peak and loading curve from the previous cycle (NaN for the first).
 
-    The curves are compared over their common range of shortening; both changes are shares of the previous peak.
+    The curves are compared over their common range of the coordinate; both changes are shares of the previous peak.
+    Peaks are those of the effort with the sign of the loading.
     """
-    shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    of = driven(dataset)
+    along, effort = of.rising(dataset, of.along(dataset.channels)), of.rising(dataset, of.effort)
     changes: list[CycleChange] = []
     before: tuple[float, Floats, Floats] | None = None
     for cycle in cycle_rows(dataset):
-        s, values = curve(shortening[cycle.loading], {"tension": tension[cycle.loading]}, _CURVE_BINS)
-        force = values["tension"]
+        s, values = curve(along[cycle.loading], {of.effort: effort[cycle.loading]}, _CURVE_BINS)
+        force = values[of.effort]
         peak = float(force.max())
         if before is None:
             changes.append(CycleChange(cycle.number, peak, np.nan, np.nan))
@@ -143,7 +159,9 @@ def classify_cycles(dataset: Dataset, threshold: float = 0.02) -> Dataset:
     stable = [number for number, kind in classes.items() if kind == "stable"]
     preconditioning = [number for number, kind in classes.items() if kind == "preconditioning"]
     first = changes[0]
-    words = [f"first cycle: number {first.number}, peak {format_quantity(first.peak, 'N')}"]
+    of = driven(dataset)
+    sign, unit = of.sign(dataset), of.units[1]
+    words = [f"first cycle: number {first.number}, peak {format_quantity(sign * first.peak, unit)}"]
     if len(changes) > 1:
         words[0] += f", from which the next one differs by {changes[1].change:.1%} of the peak"
     if preconditioning:
@@ -152,8 +170,8 @@ def classify_cycles(dataset: Dataset, threshold: float = 0.02) -> Dataset:
         largest = max(change.change for change in changes if classes[change.number] == "stable")
         peak = float(np.mean([change.peak for change in changes if classes[change.number] == "stable"]))
         words.append(
-            f"stable: {_numbers(stable)}, peak {format_quantity(peak, 'N')}, change from cycle to cycle at most "
-            f"{largest:.1%} of the peak (threshold {threshold:.1%})"
+            f"stable: {_numbers(stable)}, peak {format_quantity(sign * peak, unit)}, change from cycle to cycle at "
+            f"most {largest:.1%} of the peak (threshold {threshold:.1%})"
         )
     else:
         words.append(f"none is stable: the last cycle still changed by more than {threshold:.1%} of the peak")
@@ -218,17 +236,17 @@ def select_cycles(
     return dataset.take(mask, Step("select_cycles", settings, outcome))
 
 
-def _peaks(tension: Floats, prominence: float) -> Ints:
+def _peaks(effort: Floats, prominence: float) -> Ints:
     from scipy.ndimage import uniform_filter1d
     from scipy.signal import find_peaks
 
-    span = float(np.ptp(tension))
+    span = float(np.ptp(effort))
     # Twice: the first pass counts the peaks, so that the second can smooth by a small share of a cycle.
-    smooth = tension
+    smooth = effort
     peaks = np.empty(0, dtype=np.int64)
     for _ in range(2):
         peaks = find_peaks(smooth, prominence=max(prominence * span, 1e-12))[0]
-        smooth = uniform_filter1d(tension, max(1, len(tension) // (200 * max(len(peaks), 1))))
+        smooth = uniform_filter1d(effort, max(1, len(effort) // (200 * max(len(peaks), 1))))
     # Two equal samples of a dwell are one peak, not two.
     distinct: list[int] = []
     for peak in peaks.tolist():
@@ -238,16 +256,16 @@ def _peaks(tension: Floats, prominence: float) -> Ints:
     return np.array(distinct, dtype=np.int64)
 
 
-def _with_ways_out_and_back(shortening: Floats, bounds: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Bounds extended over the slack travel: to the lowest shortening after a cycle, and from it before the next."""
+def _with_ways_out_and_back(travel: Floats, bounds: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Bounds extended over the slack travel: to the lowest coordinate after a cycle, and from it before the next."""
     starts = [start for start, _ in bounds]
     ends = [end for _, end in bounds]
-    gaps = [(0, starts[0]), *zip(ends[:-1], starts[1:], strict=True), (ends[-1], len(shortening) - 1)]
-    tolerance = _REST_TOLERANCE * float(np.ptp(shortening)) + 3 * white_noise(shortening)
+    gaps = [(0, starts[0]), *zip(ends[:-1], starts[1:], strict=True), (ends[-1], len(travel) - 1)]
+    tolerance = _REST_TOLERANCE * float(np.ptp(travel)) + 3 * white_noise(travel)
     for k, (a, b) in enumerate(gaps):
         if b <= a:
             continue
-        gap = shortening[a : b + 1]
+        gap = travel[a : b + 1]
         resting = np.flatnonzero(gap <= gap.min() + tolerance)
         if k > 0:
             ends[k - 1] = a + int(resting[0])
@@ -256,14 +274,16 @@ def _with_ways_out_and_back(shortening: Floats, bounds: list[tuple[int, int]]) -
     return list(zip(starts, ends, strict=True))
 
 
-def _no_cycle(dataset: Dataset, tension: Floats, lower_force_limit: float) -> DatasetError:
+def _no_cycle(dataset: Dataset, of: DrivenChannels, limit: float) -> DatasetError:
+    effort, unit, word = dataset.values(of.effort), of.units[1], of.effort_in_words
     return DatasetError(
         Fault(
             "no whole load-unload cycle was found",
             where=dataset.name,
-            got=f"tension {format_quantity(float(tension.min()), 'N')} to {format_quantity(float(tension.max()), 'N')}",
-            allowed=f"a rise and a return to the lower force limit {format_quantity(lower_force_limit, 'N')}",
-            attempt="a higher lower_force_limit, or no cycle steps for a record of one branch",
+            got=f"{of.effort} {format_quantity(float(effort.min()), unit)} to "
+            f"{format_quantity(float(effort.max()), unit)}",
+            allowed=f"a rise and a return to the lower {word} limit {format_quantity(limit, unit)}",
+            attempt="a higher lower_limit, or no cycle steps for a record of one branch",
         )
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.driven import driven
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import curve
 from softcal.limits import LIMITS
@@ -19,22 +20,23 @@ _NOISY_RISE = 0.05
 
 @register_step(
     leaves_out="samples",
-    by=Setting("channel"),
+    by=Setting("channel", drives="coordinate"),
     n=Setting("count"),
     step=Setting("of channel", channel_from="by"),
 )
-def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, step: float | None = None) -> Dataset:
+def resample(dataset: Dataset, by: str | None = None, *, n: int | None = None, step: float | None = None) -> Dataset:
     """The dataset at n samples, or at samples with spacing `step` [unit of `by`], evenly spaced along the channel `by`.
 
-    Along a strictly increasing channel the others are interpolated linearly; along one that increases up to noise (such
-    as a measured tension) they are first averaged over n bins. The cycle is that of the nearest sample.
+    Along a channel that strictly rises, or falls, the others are interpolated linearly; along one that does so up to
+    noise (such as a measured tension) they are first averaged over n bins. The cycle is that of the nearest sample.
 
     Parameters
     ----------
     dataset
         The dataset.
     by
-        Channel along which the samples are spaced evenly.
+        Channel along which the samples are spaced evenly; None: the coordinate of the driven actuator, such as the
+        shortening, or its effort where the record has only that.
     n
         Number of samples; either this or `step`.
     step
@@ -43,9 +45,13 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     Raises
     ------
     DatasetError
-        If the channel does not increase, as over complete cycles (take a branch first), or n or step are unsuitable.
+        If the channel rises and falls, as over complete cycles (take a branch first), or n or step are unsuitable.
     """
-    abscissa = dataset.values(by)
+    by = by or driven(dataset).along(dataset.channels)
+    # A branch into a vacuum falls all along: it is resampled with the other sign.
+    values = dataset.values(by)
+    way = -1.0 if values[-1] < values[0] else 1.0
+    abscissa = way * values
     unit = dataset.channels[by].unit
     span = float(np.ptp(abscissa))
     if (n is None) == (step is None):
@@ -79,26 +85,26 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     elif not rises:
         raise DatasetError(
             Fault(
-                f"{by} does not rise all along, so nothing can be resampled by it",
+                f"{by} does not rise or fall all along, so nothing can be resampled by it",
                 where=dataset.name,
-                got=f"a fall by {format_quantity(fall, unit)}",
-                allowed=f"falls up to {format_quantity(_NOISY_RISE * span, unit)}, as of noise",
+                got=f"a return by {format_quantity(fall, unit)}",
+                allowed=f"returns up to {format_quantity(_NOISY_RISE * span, unit)}, as of noise",
                 attempt="take_branch before, or resample by time",
             )
         )
     lower = float(abscissa[0])
     upper = float(abscissa[-1]) if step is None else lower + (n_asked - 1) * step
     grid = np.minimum(np.linspace(lower, upper, n_asked), abscissa[-1])
-    channels = {by: replace(dataset.channels[by], values=grid)}
-    for key, values in ordinates.items():
-        channels[key] = replace(dataset.channels[key], values=np.interp(grid, abscissa, values))
+    channels = {by: replace(dataset.channels[by], values=way * grid)}
+    for key, ordinate in ordinates.items():
+        channels[key] = replace(dataset.channels[key], values=np.interp(grid, abscissa, ordinate))
     channels = {key: channels[key] for key in dataset.channels}
     right = np.clip(np.searchsorted(abscissa, grid), 1, len(abscissa) - 1)
     nearest_rows = right - (grid - abscissa[right - 1] < abscissa[right] - grid)
     new_cycle = None if cycle is None else cycle[nearest_rows]
     outcome = (
         f"{dataset.n_samples} samples {how} to {n_asked} along {by}, "
-        f"{format_quantity(lower, unit)} to {format_quantity(float(grid[-1]), unit)}"
+        f"{format_quantity(way * lower, unit)} to {format_quantity(way * float(grid[-1]), unit)}"
     )
     record = Step("resample", {"by": by, "n": n, "step": step}, outcome)
     return replace(dataset, channels=channels, cycle=new_cycle, provenance=(*dataset.provenance, record), labels=())

@@ -1,4 +1,4 @@
-"""Slack removal: the taut point, at which the force rises from its floor, is fitted by two lines and subtracted."""
+"""Slack removal: the taut point, at which the effort rises from its floor, is fitted by two lines and subtracted."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.driven import DrivenChannels, driven
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import take_branch
 from softcal.units import format_quantity
@@ -19,46 +20,58 @@ _MIN_SAMPLES = 3  # on the floor, and on the rising line
 
 @dataclass(frozen=True)
 class TautPoint:
-    """The point at which the cable becomes taut.
+    """The point at which an actuator begins to load the robot, such as a cable that becomes taut.
+
+    With the signs of the record; units are those of the actuator's channels, of a cable m and N.
 
     Attributes
     ----------
-    shortening
-        Shortening there [m].
+    coordinate
+        Coordinate there [SI].
     floor
-        Force before it [N].
+        Effort before it [SI].
     stiffness
-        Stiffness just after it [N/m].
+        Slope of the effort over the coordinate just after it [SI].
     rmse
-        Misfit of the two lines [N].
+        Misfit of the two lines [SI].
     """
 
-    shortening: float
+    coordinate: float
     floor: float
     stiffness: float
     rmse: float
 
 
-def find_slack(dataset: Dataset, threshold_force: float | None = None) -> TautPoint:
+def find_slack(dataset: Dataset, threshold: float | None = None, by: str | None = None) -> TautPoint:
     """The taut point of the loading branch, averaged over the cycles.
 
-    A constant (the floor) and a rising line that intersect at the taut point are fitted by least squares to the samples
-    up to `threshold_force` [N] above the lowest force; None takes a quarter of the force's range.
+    A constant (the floor) and a rising line that intersect at the taut point are fitted by least squares.
+
+    Parameters
+    ----------
+    dataset
+        The record.
+    threshold
+        Of the samples for the fit: how far [SI] they rise above the lowest effort; None: a quarter of its range.
+    by
+        A channel of the actuator; None: of the one that the record drives.
 
     Raises
     ------
     DatasetError
         If no floor is found, as when the record starts with a taut cable.
     """
-    branch = take_branch(dataset, "loading")
-    shortening, tension = branch.values("shortening"), branch.values("tension")
-    base = float(np.min(tension))
-    rise = 0.25 * float(np.ptp(tension)) if threshold_force is None else threshold_force
-    above = np.flatnonzero(tension > base + rise)
-    n_fit = int(above[above > int(np.argmin(tension))][0]) if above.size else len(tension)
-    s, force = shortening[:n_fit], tension[:n_fit]
+    of = driven(dataset, by)
+    sign, unit = of.sign(dataset), of.units[1]
+    branch = take_branch(dataset, "loading", by=of.coordinate)
+    travel, effort = sign * branch.values(of.coordinate), sign * branch.values(of.effort)
+    base = float(np.min(effort))
+    rise = 0.25 * float(np.ptp(effort)) if threshold is None else abs(threshold)
+    above = np.flatnonzero(effort > base + rise)
+    n_fit = int(above[above > int(np.argmin(effort))][0]) if above.size else len(effort)
+    s, force = travel[:n_fit], effort[:n_fit]
     if n_fit < 2 * _MIN_SAMPLES:
-        raise _no_floor(dataset, f"{n_fit} samples below {format_quantity(base + rise, 'N')}")
+        raise _no_floor(dataset, of, f"{n_fit} samples up to {format_quantity(sign * (base + rise), unit)}")
 
     def misfit(taut: float) -> float:
         return _two_lines(s, force, taut)[2]
@@ -68,72 +81,82 @@ def find_slack(dataset: Dataset, threshold_force: float | None = None) -> TautPo
     lower, upper = inner[max(best - 1, 0)], inner[min(best + 1, len(inner) - 1)]
     from scipy.optimize import minimize_scalar
 
-    refined: Any = minimize_scalar(misfit, bounds=(lower, upper), method="bounded", options={"xatol": 1e-9})
+    finest = 1e-9 if of.is_cable else 5e-8 * float(np.ptp(s))  # a nanometre is as fine for a cable of some cm
+    refined: Any = minimize_scalar(misfit, bounds=(lower, upper), method="bounded", options={"xatol": finest})
     taut = min((float(refined.x), float(inner[best])), key=misfit)
     floor, stiffness, rmse = _two_lines(s, force, taut)
     if best == 0 or stiffness <= 0.0:
-        raise _no_floor(dataset, f"the force rises from its first sample, {format_quantity(float(force[0]), 'N')}")
-    return TautPoint(taut, floor, stiffness, rmse)
+        at = format_quantity(sign * float(force[0]), unit)
+        raise _no_floor(dataset, of, f"the {of.effort_in_words} rises from its first sample, {at}")
+    return TautPoint(sign * taut, sign * floor, stiffness, rmse)
 
 
 @register_step(
-    slack=Setting("slack"),
-    threshold_force=Setting("force"),
+    slack=Setting("of channel", channel_from="by", drives="coordinate"),
+    threshold=Setting("of channel", channel_from="by", drives="effort", former="threshold_force"),
     subtract_floor=Setting("flag"),
     keep_slack_samples=Setting("flag"),
+    by=Setting("channel", drives="coordinate"),
 )
 def remove_slack(
     dataset: Dataset,
     slack: float | None = None,
     *,
-    threshold_force: float | None = None,
+    threshold: float | None = None,
     subtract_floor: bool = False,
     keep_slack_samples: bool = False,
+    by: str | None = None,
 ) -> Dataset:
-    """The dataset with the shortening measured from the taut point, without the samples before it.
+    """The dataset with the coordinate measured from the taut point, without the samples before it.
 
     Parameters
     ----------
     slack
-        Shortening at the taut point [m]; None finds it (`find_slack`).
+        Coordinate at the taut point [SI], such as the shortening; None finds it (`find_slack`).
     subtract_floor
-        Subtract the force floor from the tension, as an offset of the load cell.
+        Subtract the floor from the effort, as an offset of the load cell or the gauge.
     keep_slack_samples
-        Keep the samples before the taut point, at negative shortening.
+        Keep the samples before the taut point, at a negative shortening.
+    by
+        A channel of the actuator; None: of the one that the record drives.
 
     Raises
     ------
     DatasetError
         If no taut point is found, or no sample lies beyond it.
     """
-    found = find_slack(dataset, threshold_force) if slack is None or subtract_floor else None
-    taut = slack if slack is not None else (found.shortening if found is not None else 0.0)
-    values = {"shortening": dataset.values("shortening") - taut}
-    words = f"shortening measured from the taut point at {format_quantity(taut, 'm')}"
+    of = driven(dataset, by)
+    (unit, effort_unit), travel = of.units, dataset.values(of.coordinate)
+    found = find_slack(dataset, threshold, by) if slack is None or subtract_floor else None
+    taut = slack if slack is not None else (found.coordinate if found is not None else 0.0)
+    values = {of.coordinate: travel - taut}
+    words = f"{of.coordinate} measured from the taut point at {format_quantity(taut, unit)}"
     if found is not None:
         words += (
-            f"; force floor {format_quantity(found.floor, 'N')}, stiffness after it "
-            f"{found.stiffness / 1000.0:.4g} N/mm, two lines fit to {format_quantity(found.rmse, 'N')}"
+            f"; {of.effort_in_words} floor {format_quantity(found.floor, effort_unit)}, stiffness after it "
+            f"{of.slope_in_words(found.stiffness)}, two lines fit to {format_quantity(found.rmse, effort_unit)}"
         )
         if subtract_floor:
-            values["tension"] = dataset.values("tension") - found.floor
-            words += "; floor subtracted from the tension"
-    kept = np.ones(dataset.n_samples, dtype=bool) if keep_slack_samples else values["shortening"] >= 0.0
+            values[of.effort] = dataset.values(of.effort) - found.floor
+            words += f"; floor subtracted from the {of.effort}"
+    beyond = of.sign(dataset) * values[of.coordinate]
+    kept = np.ones(dataset.n_samples, dtype=bool) if keep_slack_samples else beyond >= 0.0
     if not kept.any():
         raise DatasetError(
             Fault(
                 "the whole record is slack",
                 where=dataset.name,
-                got=f"slack {format_quantity(taut, 'm')}",
-                allowed=f"less than {format_quantity(float(dataset.values('shortening').max()), 'm')}",
+                got=f"slack {format_quantity(taut, unit)}",
+                allowed=f"less than {format_quantity(float(travel[np.argmax(beyond)]), unit)}",
             )
         )
     dropped = int(np.count_nonzero(~kept))
     settings = {
         "slack": taut,
-        "threshold_force": threshold_force,
+        "threshold": threshold,
         "subtract_floor": subtract_floor,
         "keep_slack_samples": keep_slack_samples,
+        "by": of.coordinate,
     }
     step = Step("remove_slack", settings, f"{words}; {dropped} samples before it removed")
     shifted = dataset.with_channels(step, **values)
@@ -149,13 +172,17 @@ def _two_lines(s: Floats, force: Floats, taut: float) -> tuple[float, float, flo
     return float(solution[0]), float(solution[1]), rmse
 
 
-def _no_floor(dataset: Dataset, got: str) -> DatasetError:
+def _no_floor(dataset: Dataset, of: DrivenChannels, got: str) -> DatasetError:
+    word = of.effort_in_words
+    begins = "the cable slack" if of.is_cable else f"a {word} that does not rise"
+    free = "slack" if of.is_cable else of.kinds[0].offset[0] if of.kinds[0].offset else ""
     return DatasetError(
         Fault(
-            "no floor of the force before the cable is taut",
+            f"no floor of the {word} before {'the cable is taut' if of.is_cable else 'it rises'}",
             where=dataset.name,
             got=got,
-            allowed="a loading branch that begins with the cable slack",
-            attempt="remove_slack with the slack given, or make the slack a parameter of the calibration",
+            allowed=f"a loading branch that begins with {begins}",
+            attempt="remove_slack with the slack given"
+            + (f", or make the {free} a parameter of the calibration" if free else ""),
         )
     )

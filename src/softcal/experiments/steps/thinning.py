@@ -11,6 +11,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.driven import driven
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.noise import white_noise
 from softcal.units import format_quantity
@@ -22,10 +23,10 @@ _DWELL = 3.0
 @register_step(
     leaves_out="samples",
     step=Setting("of channel", channel_from="by"),
-    by=Setting("channel"),
+    by=Setting("channel", drives="coordinate"),
     longest=Setting("time"),
 )
-def thin(dataset: Dataset, step: float, *, by: str = "shortening", longest: float | None = None) -> Dataset:
+def thin(dataset: Dataset, step: float, *, by: str | None = None, longest: float | None = None) -> Dataset:
     """Thin a record to samples a `step` of a channel apart, up and down, and its turning points: as many at any speed.
 
     Samples are kept as they are, in their order: the first and the last, each that is a step [unit of `by`] or more
@@ -39,7 +40,8 @@ def thin(dataset: Dataset, step: float, *, by: str = "shortening", longest: floa
     step
         Distance [unit of `by`].
     by
-        Channel whose travel is divided.
+        Channel whose travel is divided; None: the coordinate of the driven actuator, such as the shortening, or its
+        effort where the record has only that.
     longest
         Largest time between samples in a rest [s]; None for no limit.
 
@@ -48,6 +50,7 @@ def thin(dataset: Dataset, step: float, *, by: str = "shortening", longest: floa
     DatasetError
         If the step or the time is not above zero, or there is no time where it is needed.
     """
+    by = by or driven(dataset).along(dataset.channels)
     values, unit = dataset.values(by), dataset.channels[by].unit
     asked = [(step, unit), *([] if longest is None else [(longest, "s")])]
     faults = [

@@ -9,9 +9,10 @@ import numpy as np
 
 from softcal.calibration.results.result import ExperimentFit
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.driven import driven
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import channel_scale, file_stem, result_label, scale_of
+from softcal.report.format import channel_scale, file_stem, result_label
 from softcal.report.style import MEASURED, SIMULATED, count_axis, house_style, new_figure
 from softcal.sensing.channel import channel_name
 from softcal.sensing.sensors.plate import ANGLES
@@ -35,7 +36,7 @@ def loops(content: ReportContent) -> Iterator[Drawing]:
 
 
 def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
-    """Panels of force and of every compared angle over the travel, and of the energy lost by cycle.
+    """Panels of the effort and of every compared angle over the travel, and of the energy lost by cycle.
 
     Parameters
     ----------
@@ -47,21 +48,24 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
         Their measured and simulated values, and the energies of each cycle.
     """
     angles = [kind.name for kind in ANGLES if kind.name in fit.simulated]
-    mm, cycle = scale_of("m"), np.zeros(data.n_samples) if data.cycle is None else data.cycle
+    of, cycle = driven(data), np.zeros(data.n_samples) if data.cycle is None else data.cycle
+    along, effort = of.kinds
+    unit = channel_scale(along.unit)
     with house_style():
         figure = new_figure(5.2, 3.5 + 2.2 * (len(angles) + 1))
         heights = [3.2, *(2.2 for _ in angles), 1.8]
         axes, *others, last = figure.subplots(len(heights), 1, height_ratios=heights)
-        for below, channel in zip([axes, *others], ["tension", *angles], strict=True):
+        for below, channel in zip([axes, *others], [of.effort, *angles], strict=True):
             scale = channel_scale(fit.units[channel])
             for family, colour, width in ((fit.measured, MEASURED, 1.1), (fit.simulated, SIMULATED, 1.3)):
-                travel = family.get("shortening", fit.measured["shortening"]) / mm.factor
+                travel = family.get(of.coordinate, fit.measured[of.coordinate]) / unit.factor
                 values = family.get(channel, fit.measured[channel]) / scale.factor
                 shown = np.isfinite(travel) & np.isfinite(values) & (cycle >= 0)
                 name = "measured" if family is fit.measured else "simulated"
                 below.plot(travel[shown], values[shown], color=colour, linewidth=width, alpha=0.75, label=name)
-            below.set_xlabel(mm.axis("Displacement"))
-            below.set_ylabel(scale.axis("Cable force" if channel == "tension" else channel_name(channel).label))
+            below.set_xlabel(unit.axis("Displacement" if of.is_cable else along.label or along.name))
+            kind = effort if channel == of.effort else channel_name(channel).kind
+            below.set_ylabel(scale.axis(kind.label or kind.name))
         axes.set_title(title)
         axes.legend(loc="upper left")
         numbers = np.array([cycle.measured.number + 1 for cycle in fit.cycles])

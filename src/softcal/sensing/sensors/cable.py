@@ -30,6 +30,7 @@ TENSION = ChannelKind(
     offset=("tension_offset", QUANTITIES["tension offset"]),
     gain=("tension_gain", QUANTITIES["positive ratio"]),
     drift=("tension_drift", QUANTITIES["tension offset"]),
+    slope=(10.0, 1e5),  # [N/m]
     most=5e3,
     mistake="N read as kN",
     paper_weight=0.3,  # alpha

@@ -28,10 +28,13 @@ PRESSURE = ChannelKind(
     offset=("pressure_offset", QUANTITIES["pressure offset"]),
     gain=("pressure_gain", QUANTITIES["positive ratio"]),
     drift=("pressure_drift", QUANTITIES["pressure offset"]),
+    slope=(1e5, 1e13),  # [Pa/m^3]: a weather balloon, and a stiff bellows of oil
     most=1e8,
     mistake="kPa read as MPa",
     noise=250.0,  # a gauge of 100 kPa, 0.25 % of its range
 )
+FLOW = ChannelKind("flow", "m^3/s", "Flow", most=0.01, mistake="ml/min read as l/s")
+"""What a pump displaces in a time, of which a table may have the record in the place of the volume."""
 
 
 @register_sensor
@@ -41,4 +44,5 @@ class ChamberSensor(ActuatorSensor):
 
     name: ClassVar[str] = "chamber"
     kinds: ClassVar[tuple[ChannelKind, ...]] = (VOLUME, PRESSURE)
+    columns: ClassVar[tuple[ChannelKind, ...]] = (FLOW,)
     of: ClassVar[str] = "chamber"

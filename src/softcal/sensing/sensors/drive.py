@@ -29,6 +29,7 @@ TORQUE = ChannelKind(
     offset=("torque_offset", QUANTITIES["moment"]),
     gain=("torque_gain", QUANTITIES["positive ratio"]),
     drift=("torque_drift", QUANTITIES["moment"]),
+    slope=(1e-6, 1e4),  # [N m/rad]: a hair spring, and a steel shaft
     most=1e3,
     mistake="N mm read as N m",
     noise=2e-3,  # a servo's current, 1 % of 0.2 N m

@@ -44,9 +44,9 @@ def test_a_small_pull_is_one_step_and_no_pull_none_more():
 def test_a_heavy_robot_hangs_first():
     heavy = replace(ROBOT, gravity=np.array([3.0, 0.0, 0.0]), bodies=(replace(ROBOT.bodies[0], density=1000.0),))
     path = load_path(heavy, end_of(heavy, tensed(1.0)))
-    assert path.shapes[0].tensions == {"front": 0.0}
+    assert path.shapes[0].efforts == {"front": 0.0}
     assert np.abs(path.shapes[0].points["neck"] - ROBOT.bodies[0].mesh.points).max() > 1e-5
-    assert path.shapes[-1].tensions["front"] == pytest.approx(1.0, rel=1e-6)
+    assert path.shapes[-1].efforts["front"] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_the_stiffness_is_that_of_finite_differences():

@@ -131,7 +131,7 @@ def test_shapes_of_samples_are_solved_there_and_timed_by_the_drive(tmp_path, mak
         assert shape.controls == {"front": pytest.approx(scale * drive[k], abs=1e-15)}
         alone = simulate(robot, make(scale * drive[k]), snapshots=True).snapshots[-1]
         np.testing.assert_allclose(shape.points["neck"], alone.points["neck"], atol=1e-9)
-        assert shape.tensions["front"] == pytest.approx(response.channels["front.tension"][k], abs=1e-9)
+        assert shape.efforts["front"] == pytest.approx(response.channels["front.tension"][k], abs=1e-9)
 
 
 def test_shapes_that_do_not_ascend_are_numbered(tmp_path):

@@ -313,6 +313,14 @@ class Cable(ActuatedPart):
             )
 
     @property
+    def kind(self) -> str:
+        return "cable"
+
+    @property
+    def route(self) -> tuple[ViaPoint, ...]:
+        return self.via_points
+
+    @property
     def channels(self) -> tuple[ChannelKind, ChannelKind]:
         return SHORTENING, TENSION
 

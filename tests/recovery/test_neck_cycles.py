@@ -94,9 +94,9 @@ def test_with_noise_the_intervals_contain_the_constants(project: Project, truth:
     assert len(fit.cycles) == truth["machine"]["cycles"]
     for cycle in fit.cycles:
         assert cycle.simulated.lost_energy == pytest.approx(cycle.measured.lost_energy, rel=0.1)
-        assert cycle.simulated.peak_tension == pytest.approx(cycle.measured.peak_tension, rel=0.04)
+        assert cycle.simulated.peak_effort == pytest.approx(cycle.measured.peak_effort, rel=0.04)
     first, last = fit.cycles[0].simulated, fit.cycles[3].simulated  # before the faster half
-    assert 1.005 < first.peak_tension / last.peak_tension < 1.1
+    assert 1.005 < first.peak_effort / last.peak_effort < 1.1
 
 
 # --- friction of the pulleys, and memory of the material --------------------------------------------------------------

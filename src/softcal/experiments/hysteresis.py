@@ -1,4 +1,4 @@
-"""Inelastic effects, cycle by cycle: energies of the loops, peaks, and the travel that is left without a force."""
+"""Inelastic effects, cycle by cycle: energies of the loops, peaks, and the travel that is left without an effort."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.steps.branches import cycle_rows
+from softcal.sensing.channel import driven_pair
 
-VANISHED = 0.02  # of the peak: a tension below it has vanished
+VANISHED = 0.02  # of the peak: an effort below it has vanished
 
 
 @dataclass(frozen=True)
 class Loop:
-    """Energies of one cycle: work of loading [J], energy dissipated in the loop [J]; peak tension [N], travel [m].
+    """Energies of one cycle: work of loading [J], energy dissipated in the loop [J]; peak of the effort and travel of
+    the coordinate [SI], such as tension and shortening of a cable.
 
-    hysteresis [-]: dissipated energy over the work of loading. vanishes_at: the shortening [m] at which the tension has
-    vanished as the cable is let go, slack and permanent set together; None where it does not.
+    hysteresis [-]: dissipated energy over the work of loading. vanishes_at: the coordinate at which the effort has
+    vanished as the actuator is let go, slack and permanent set together; None where it does not.
     """
 
     number: int
     loading_energy: float
     lost_energy: float
-    peak_tension: float
+    peak_effort: float
     travel: float
     vanishes_at: float | None = None
 
@@ -35,37 +37,37 @@ class Loop:
 
 
 def loops(dataset: Dataset) -> tuple[Loop, ...]:
-    """Energies of every cycle, by the area under its branches over the shortening.
+    """Energies of every cycle, by the area under its branches over the coordinate.
 
     Raises
     ------
     DatasetError
-        If there is no shortening, tension or cycle.
+        If there is no cycle, or no actuator of coordinate and effort; see `driven_pair`.
     """
-    shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    coordinate, effort = map(dataset.values, driven_pair(dataset.channels) or ("shortening", "tension"))
     found: list[Loop] = []
     for cycle in cycle_rows(dataset):
         # The dwell at the turning point is part of the loop, though of neither branch.
         rows = np.arange(cycle.loading[0], cycle.unloading[-1] + 1)
-        loading = _area(shortening, tension, cycle.loading)
-        pulled, force = shortening[cycle.unloading], tension[cycle.unloading]
-        least, vanishes_at = VANISHED * float(force.max()), None
-        below = np.flatnonzero(force <= least)
+        loading = _area(coordinate, effort, cycle.loading)
+        driven, answers = coordinate[cycle.unloading], effort[cycle.unloading]
+        least, vanishes_at = VANISHED * float(answers.max()), None
+        below = np.flatnonzero(answers <= least)
         if below.size and below[0] > 0:
             pair = slice(int(below[0]) - 1, int(below[0]) + 1)
-            vanishes_at = float(np.interp(-least, -force[pair], pulled[pair]))
+            vanishes_at = float(np.interp(-least, -answers[pair], driven[pair]))
         found.append(
             Loop(
                 number=cycle.number,
                 loading_energy=loading,
-                lost_energy=_area(shortening, tension, rows),
-                peak_tension=float(tension[rows].max()),
-                travel=float(np.ptp(shortening[rows])),
+                lost_energy=_area(coordinate, effort, rows),
+                peak_effort=float(effort[rows].max()),
+                travel=float(np.ptp(coordinate[rows])),
                 vanishes_at=vanishes_at,
             )
         )
     return tuple(found)
 
 
-def _area(shortening: Floats, tension: Floats, rows: np.ndarray) -> float:
-    return float(np.trapezoid(tension[rows], shortening[rows]))
+def _area(coordinate: Floats, effort: Floats, rows: np.ndarray) -> float:
+    return float(np.trapezoid(effort[rows], coordinate[rows]))

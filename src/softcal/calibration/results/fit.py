@@ -15,6 +15,7 @@ from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.hysteresis import loops
 from softcal.experiments.steps.branches import cycle_rows
+from softcal.sensing.channel import driven_pair
 
 
 def experiment_fit(
@@ -44,7 +45,7 @@ def experiment_fit(
             away = np.sqrt(sum(errors[part] ** 2 for part in parts))
             distances[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
     cycles: tuple[CycleFit, ...] = ()  # where their samples were looked for, and go both ways
-    if has_cycles(experiment.dataset) and {"shortening", "tension"} & seen.predicted.keys():
+    if has_cycles(experiment.dataset) and set(driven_pair(channels) or ()) & seen.predicted.keys():
         simulated = {name: replace(one, values=seen.predicted.get(name, one.values)) for name, one in channels.items()}
         both = zip(loops(experiment.dataset), loops(replace(experiment.dataset, channels=simulated)), strict=True)
         cycles = tuple(CycleFit(*pair) for pair in both)
@@ -86,9 +87,12 @@ def _at_all(experiment: Experiment, widths: Mapping[str, Floats]) -> dict[str, F
 
 
 def has_cycles(data: Dataset) -> bool:
-    """Whether a dataset has cycles of force and travel that go both ways, every sample of them measured."""
-    if data.cycle is None or not (data.cycle >= 0).any() or not {"shortening", "tension"} <= data.channels.keys():
+    """Whether a dataset has cycles of an actuator's effort over its coordinate that go both ways, every sample of them
+    measured.
+    """
+    pair = driven_pair(data.channels)
+    if data.cycle is None or not (data.cycle >= 0).any() or pair is None:
         return False
-    known = np.isfinite(data.values("shortening")) & np.isfinite(data.values("tension"))
+    known = np.isfinite([data.values(channel) for channel in pair]).all(axis=0)
     both = all(min(len(one.loading), len(one.unloading)) > 1 for one in cycle_rows(data))
     return both and bool(known[data.cycle >= 0].all())

@@ -30,7 +30,7 @@ class Scale:
 
     def axis(self, label: str) -> str:
         """Axis label such as "Pitch [deg]"."""
-        return f"{label} [{self.unit}]" if self.unit else label
+        return f"{label} [{self.unit.replace('*', ' ')}]" if self.unit else label
 
 
 def scale_of(si_unit: str, value: float = 1e6) -> Scale:

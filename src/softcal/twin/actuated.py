@@ -128,20 +128,23 @@ class ActuatedPart(NamedPart, ABC):
         return next((fault for fault in faults if fault is not None), None)
 
 
-def effort_shares(parts: Iterable[ActuatedPart], efforts: Mapping[str, float]) -> dict[str, float]:
+def effort_shares(
+    parts: Iterable[ActuatedPart], efforts: Mapping[str, float], *others: Mapping[str, float]
+) -> dict[str, float]:
     """Actuator -> its effort over the largest of its kind [-], of those of a kind of which one has an effort.
 
     Parameters
     ----------
     parts
         The actuators.
-    efforts
-        Actuator -> its effort [SI].
+    efforts, others
+        Actuator -> its effort [SI]; in other states, of which the largest may be.
     """
     known = [part for part in parts if part.name in efforts]
     largest: dict[str, float] = {}
     for part in known:
-        largest[part.kind] = max(largest.get(part.kind, 0.0), abs(efforts[part.name]))
+        each = (abs(one.get(part.name, 0.0)) for one in (efforts, *others))
+        largest[part.kind] = max(largest.get(part.kind, 0.0), *each)
     return {part.name: abs(efforts[part.name]) / most for part in known if (most := largest[part.kind]) > 0.0}
 
 

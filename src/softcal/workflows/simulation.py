@@ -292,14 +292,14 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
-    at_rest, furthest = (replace(shape, label=_title(robot, shape)) for shape in (rest, bent))
+    at_rest, furthest = (replace(shape, label=_title(robot, shape, shapes)) for shape in (rest, bent))
     sentences = (response.instabilities, response.crossings, response.drawn_out, response.remarks)
     return TwinView(robot, at_rest, furthest, response.tets, *sentences)
 
 
-def _title(robot: Robot, shape: Snapshot) -> str:
-    """Title of a shape: the efforts of its actuators, of many of a kind the largest."""
-    kinds, shown = {part.name: part.kind for part in robot.actuated}, efforts_shown(robot, shape)
+def _title(robot: Robot, shape: Snapshot, shapes: Sequence[Snapshot]) -> str:
+    """Title of one of some shapes: the efforts of its actuators, of many of a kind the largest."""
+    kinds, shown = {part.name: part.kind for part in robot.commandable}, efforts_shown(robot, shape, shapes)
     told: list[str] = []
     for kind in dict.fromkeys(kinds.values()):
         own = [name for name in shown if kinds[name] == kind]
@@ -308,11 +308,22 @@ def _title(robot: Robot, shape: Snapshot) -> str:
     return ", ".join(told) or "At rest"
 
 
-def efforts_shown(robot: Robot, shape: Snapshot) -> dict[str, str]:
-    """The efforts in a shape, such as "20 kPa", largest first of each kind of actuator, without those that are none."""
-    shares = effort_shares(robot.actuated, shape.efforts)
+def efforts_shown(robot: Robot, shape: Snapshot, shapes: Sequence[Snapshot] = ()) -> dict[str, str]:
+    """The efforts in a shape of what has commands, such as "20 kPa", largest first of each kind of actuator, without
+    those that are none.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    shape
+        The shape.
+    shapes
+        Others, beside whose efforts one may be none.
+    """
+    shares = effort_shares(robot.commandable, shape.efforts, *(one.efforts for one in shapes))
     shown = [name for name in sorted(shares, key=lambda name: -shares[name]) if shares[name] > NO_EFFORT]
-    units = {part.name: part.channels[1].unit for part in robot.actuated}
+    units = {part.name: part.channels[1].unit for part in robot.commandable}
     return {name: format_quantity(shape.efforts[name], units[name]) for name in shown}
 
 

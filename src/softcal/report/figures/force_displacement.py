@@ -17,7 +17,7 @@ from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import axis_label, channel_scale, in_a_word, joined
 from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, count_axis, house_style, new_figure
-from softcal.sensing.channel import channel_name, driven_pair
+from softcal.sensing.channel import channel_name, driven_pair, kinds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 def force_displacement(content: ReportContent) -> Iterator[Drawing]:
     """The measurements: effort over coordinate with the samples of the fit, else each channel over time."""
     for name, experiment in content.experiments.items():
-        if any(channel_name(channel).point for channel in experiment.raw.channels):
-            continue  # the rows are states with positions, for which a chart over the samples is of no use
         pair = driven_pair(experiment.prepared.channels) or driven_pair(experiment.raw.channels)
+        if pair is None and any(channel_name(channel).point for channel in experiment.raw.channels):
+            continue  # the rows are states with positions, for which a chart over the samples is of no use
         if pair is not None:
             drawn = experiment.corrected or experiment.raw
             later = steps_between(experiment.prepared, len(drawn.provenance))
@@ -88,7 +88,8 @@ def draw_record(data: Dataset) -> Figure:
     names = [name for name in data.channels if name != "time" and not channel_name(name).is_deviation] or ["time"]
     with house_style():
         if (pair := driven_pair(data.channels)) is not None:
-            others = [name for name in names if name not in pair]
+            order = [*kinds()]
+            others = sorted(set(names) - set(pair), key=lambda name: (order.index(channel_name(name).kind.name), name))
             figure = new_figure(5.2, 3.5 + 2.1 * len(others))
             axes, *beneath = figure.subplots(1 + len(others), 1, squeeze=False)[:, 0]
             draw_cycles(axes, data, *pair)

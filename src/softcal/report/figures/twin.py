@@ -23,7 +23,7 @@ def twin(content: ReportContent) -> Iterator[Drawing]:
     drawn, robot = draw_twin(content.twin), content.twin.robot
     states = "undeformed and in equilibrium"
     if content.twin.bent.controls:  # it is driven
-        states = f"at rest and at its {'largest pitch' if content.twin.bent.plates else 'furthest'}"
+        states = "at rest and " + ("at its largest pitch" if content.twin.bent.plates else "furthest from it")
     drawn_as = ["the bent shape is coloured by its displacement"]
     drawn_as += ["the one at rest by its materials"] if has_materials(robot) else []
     drawn_as += ["fixed regions are dark grey"] if any(len(body.fixed) for body in robot.bodies) else []

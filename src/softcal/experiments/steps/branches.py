@@ -12,6 +12,7 @@ from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.noise import white_noise
+from softcal.sensing.channel import driven_pair
 from softcal.units import format_quantity
 
 Branch = Literal["loading", "unloading", "mean"]
@@ -43,9 +44,9 @@ def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
     Raises
     ------
     DatasetError
-        If there is no shortening channel, or no cycle.
+        If there is no cycle, or no channel of a coordinate: that of the one actuator with both, or the shortening.
     """
-    shortening = dataset.values("shortening")
+    coordinate = dataset.values((driven_pair(dataset.channels) or ("shortening",))[0])
     cycle = np.zeros(dataset.n_samples) if dataset.cycle is None else dataset.cycle
     numbers = np.unique(cycle[cycle >= 0]).astype(int)
     if not numbers.size:
@@ -53,7 +54,7 @@ def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
     found: list[CycleRows] = []
     for number in numbers.tolist():
         rows = np.flatnonzero(cycle == number)
-        travel = shortening[rows]
+        travel = coordinate[rows]
         dwell = _DWELL * float(np.ptp(travel)) + 3.0 * white_noise(travel)
         top = np.flatnonzero(travel >= travel.max() - dwell)
         found.append(CycleRows(number, rows[: top[0] + 1], rows[top[-1] :]))

@@ -88,8 +88,9 @@ def draw_record(data: Dataset) -> Figure:
     names = [name for name in data.channels if name != "time" and not channel_name(name).is_deviation] or ["time"]
     with house_style():
         if (pair := driven_pair(data.channels)) is not None:
-            order = [*kinds()]
-            others = sorted(set(names) - set(pair), key=lambda name: (order.index(channel_name(name).kind.name), name))
+            place = {kind: k for k, kind in enumerate(kinds())}
+            others = [name for name in names if name not in pair]
+            others.sort(key=lambda name: place.get(channel_name(name).kind.name, len(place)))
             figure = new_figure(5.2, 3.5 + 2.1 * len(others))
             axes, *beneath = figure.subplots(1 + len(others), 1, squeeze=False)[:, 0]
             draw_cycles(axes, data, *pair)

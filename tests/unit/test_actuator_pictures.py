@@ -27,10 +27,10 @@ from softcal.report.scene_twin import twin_scenes
 from softcal.sensing.channel import channel_unit, driven_pair
 from softcal.twin.actuated import NamedActuator, effort_shares
 from softcal.twin.actuators.drive import Drive
+from softcal.twin.loads import walls
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate
-from softcal.twin.walls import walls
 from softcal.workflows.simulation import twin_view
 
 BOX = blown_box("P1", is_open=False, medium="liquid")

@@ -26,10 +26,10 @@ from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
 from softcal.twin.contacts import disc_skin
+from softcal.twin.loads import walls
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
-from softcal.twin.walls import walls
 from softcal.units import readable_unit, unit_factor
 
 VTK_LINE, VTK_TRIANGLE = 3, 5

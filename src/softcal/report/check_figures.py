@@ -64,9 +64,9 @@ from softcal.report.style import BLUE, GREEN, INK, PURPLE, RED, SKY, as_png
 from softcal.report.twin_view import TwinView
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
+from softcal.twin.loads import walls
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, SurfaceLoad
-from softcal.twin.walls import walls
 
 MOST = 4  # side by side
 

@@ -70,11 +70,21 @@ def material_faces(body: Body, tets: Ints) -> dict[str, Ints]:
 
 
 Walls = Mapping[str, Mapping[str, Ints]]
-"""Actuator -> body -> faces (n, 3 or 6) that it acts on; see `softcal.twin.walls`."""
+"""Actuator -> body -> faces (n, 3 or 6) that it acts on; see `softcal.twin.loads.walls`."""
 
 
 def on_walls(faces: Ints, body: str, walls: Walls) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which of some faces (k, 3 or 6) of a body actuators act on (k,)."""
+    """Which of some faces actuators act on (k,).
+
+    Parameters
+    ----------
+    faces
+        The faces (k, 3 or 6).
+    body
+        Their body.
+    walls
+        Where the actuators act.
+    """
     n, corners = 1 + int(faces.max(initial=0)), [of[body][:, :3] for of in walls.values() if body in of]
     return np.isin(face_keys(faces, n), face_keys(np.concatenate([faces[:0, :3], *corners]), n))
 

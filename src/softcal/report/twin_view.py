@@ -10,9 +10,9 @@ from typing import ClassVar
 from softcal.checks import Ints, frozen_ints
 from softcal.errors import Fault, InputError
 from softcal.mechanics.elements import ELEMENTS
+from softcal.twin.loads import walls
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
-from softcal.twin.walls import walls
 
 
 @dataclass(frozen=True)

@@ -43,12 +43,12 @@ from softcal.twin.loads import (
     faces_in_use,
     points_of_forces,
     surface_forces,
+    walls,
 )
 from softcal.twin.markers import MarkerPlace, directions_in
 from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
-from softcal.twin.walls import walls
 from softcal.units import format_quantity
 
 

@@ -93,6 +93,6 @@ def has_cycles(data: Dataset) -> bool:
     pair = driven_pair(data.channels)
     if data.cycle is None or not (data.cycle >= 0).any() or pair is None:
         return False
-    known = np.isfinite([data.values(channel) for channel in pair]).all(axis=0)
+    known = np.logical_and(*(np.isfinite(data.values(channel)) for channel in pair))
     both = all(min(len(one.loading), len(one.unloading)) > 1 for one in cycle_rows(data))
     return both and bool(known[data.cycle >= 0].all())

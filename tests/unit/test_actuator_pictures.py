@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ from softcal.report.figures.force_displacement import draw_record
 from softcal.report.figures.loops import draw_loops
 from softcal.report.plots import furthest_shape
 from softcal.report.robot_view import ROUTE, WALL, actuator_legend
-from softcal.report.scene import Surface
+from softcal.report.scene import Part, Surface
 from softcal.report.scene_twin import twin_scenes
 from softcal.sensing.channel import channel_unit, driven_pair
 from softcal.twin.actuated import NamedActuator, effort_shares
@@ -44,9 +46,9 @@ def pumped() -> Response:
     return simulate(BOX, Protocol({"main": Command("volume", volumes)}), snapshots="samples")
 
 
-def of_chamber(parts: object) -> tuple[list[Surface], list[Surface]]:
+def of_chamber(parts: Sequence[Part]) -> tuple[list[Surface], list[Surface]]:
     """The surfaces of the chamber, and all others."""
-    surfaces = [part for part in parts if isinstance(part, Surface)]  # type: ignore[attr-defined]
+    surfaces = [part for part in parts if isinstance(part, Surface)]
     is_wall = [isinstance(one.colour, str) and one.colour == WALL for one in surfaces]
     return [one for one, is_own in zip(surfaces, is_wall, strict=True) if is_own], [
         one for one, is_own in zip(surfaces, is_wall, strict=True) if not is_own
@@ -129,13 +131,14 @@ def test_charts_of_a_chamber_are_of_pressure_over_volume() -> None:
     fit = experiment_fit(experiment, Observation({"main.pressure": strokes(2e-6).values("main.pressure")}, {}, {}, {}))
     figure = draw_loops("stroke", record, fit)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("Pumped volume [ml]", "Pressure [kPa]")
-    measured, simulated = (line.get_xydata() for line in figure.axes[0].lines)
+    measured, simulated = (np.asarray(line.get_xydata()) for line in figure.axes[0].lines)
     np.testing.assert_allclose([measured[100], simulated[100]], [[10.0, 100.0], [10.0, 100.0]])
     # What is left of 0.5 J of loading is the triangle back: of 9 ml from 90 kPa, and the step between.
     (cycle,) = fit.cycles
     assert cycle.measured.loading_energy == pytest.approx(0.5)
     assert cycle.measured.lost_energy == pytest.approx(0.5 - 0.405, rel=2e-2)
-    (table,) = loops_tables(SimpleNamespace(results={"joint": SimpleNamespace(experiments={"stroke": fit})}))
+    content: Any = SimpleNamespace(results={"joint": SimpleNamespace(experiments={"stroke": fit})})
+    (table,) = loops_tables(content)
     headers = {column.header: cell for column, cell in zip(table.columns, table.rows[0], strict=True)}
     assert table.key == "loops-pressure"
     assert headers["Peak pressure [kPa]"] == pytest.approx(100.0)

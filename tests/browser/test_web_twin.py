@@ -400,7 +400,7 @@ def test_the_frame_of_a_report_is_pulled_by_a_slider(page: Page, look: Callable[
     modes = np.frombuffer(base64.b64decode(shapes["modes"]), "<i2").reshape(shapes["n_modes"], -1)
     run = softcal.load_run(page.run)
     response = furthest_response(run.project, run.headline)
-    largest = max(one.tensions["front"] for one in response.snapshots)
+    largest = max(one.efforts["front"] for one in response.snapshots)
     half, middle = 0.5 * (read.most[0] - read.least[0]), 0.5 * (read.most[0] + read.least[0])
     nodes = [one.drive for one in response.snapshots]
     for place in [*np.linspace(read.least[0], read.most[0], 7).tolist(), *nodes]:
@@ -411,7 +411,7 @@ def test_the_frame_of_a_report_is_pulled_by_a_slider(page: Page, look: Callable[
         assert points == pytest.approx(rest + shares @ modes, abs=1e-7)
         if place in nodes:
             at = response.snapshots[nodes.index(place)]
-            assert shown["front.tension"] == pytest.approx(at.tensions["front"], abs=1e-4 * largest)
+            assert shown["front.tension"] == pytest.approx(at.efforts["front"], abs=1e-4 * largest)
     seen.page.locator("iframe").scroll_into_view_if_needed()  # a frame out of sight draws nothing
     canvas, slider = frame.locator("canvas"), frame.locator("input[type=range]")
     pixels, number = canvas.screenshot(), frame.locator("[data-values] td.short").first.inner_text()

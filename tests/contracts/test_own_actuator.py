@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Generator
 from pathlib import Path
@@ -13,11 +14,15 @@ from own_module import brought, imported
 from project_case import MODULUS, write_project
 from sofa_case import use_fake
 
-from softcal import calibrate, load, with_parameters
+from softcal import calibrate, load, shape_grid, with_parameters
 from softcal.errors import ParameterError, ProjectFileError
 from softcal.executors.shared import call, packed
 from softcal.plugins.calculix.crosscheck import crosscheck
 from softcal.plugins.sofa.simulator import sofa_engine
+from softcal.report.check_figures import robot_scenes
+from softcal.report.robot_view import ROUTE, actuator_legend
+from softcal.report.scene import Tube
+from softcal.report.scene_twin import twin_scenes
 from softcal.sensing.sensor import SENSORS
 from softcal.twin.actuated import ACTUATORS, register_actuator
 from softcal.twin.live import LiveTwin
@@ -26,6 +31,7 @@ from softcal.twin.simulate import simulate
 from softcal.workflows.checking import check
 from softcal.workflows.export import EXPORTS, ExportRequest, write_export
 from softcal.workflows.reporting import write_report
+from softcal.workflows.simulation import twin_view
 
 PUSH_ROD = '''
 from dataclasses import dataclass, replace
@@ -33,7 +39,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from softcal import Actuator, ActuatorSensor, ChannelKind, quantity, register_actuator, register_sensor
+from softcal import Actuator, ActuatorSensor, ChannelKind, ViaPoint, quantity, register_actuator, register_sensor
 from softcal.mechanics.actuator import ActuatorLimits, ActuatorTerm, Drives
 from softcal.mechanics.term import Connectivity
 
@@ -136,6 +142,10 @@ class PushRod(Actuator):
     ranges: ClassVar = (quantity("length"), quantity("force"))
     quantities: ClassVar = {"softness": quantity("compliance")}
 
+    @property
+    def route(self):
+        return ViaPoint(self.foot), ViaPoint(self.head, self.on, radius=0.0)
+
     def term(self, name, places):
         points, weights = map(np.array, zip(*places.support(np.array(self.head), self.on, name)))
         foot = np.array(self.foot)
@@ -226,6 +236,32 @@ def test_with_a_cable_it_moves_a_live_twin(push_rod: ModuleType, tmp_path: Path)
     assert by["front.shortening", "motor.thrust"] == pytest.approx(by["motor.extension", "front.tension"], rel=1e-8)
 
 
+def test_it_is_drawn_by_its_route_and_written_with_its_thrust(push_rod: ModuleType, tmp_path: Path) -> None:
+    robot = load(rod_project(tmp_path)).robot
+    kinds = {"cable": "front", "push-rod": "motor"}
+    scenes, _ = robot_scenes(robot)
+    assert {label.text for label in (*scenes[0].labels, *scenes[1].labels)} >= {*kinds.values()}
+    assert actuator_legend(robot) == {" and ".join(kinds): ROUTE}
+    response = simulate(robot, Protocol({"motor": Command("thrust", np.array([0.0, -5.0]))}), snapshots=True)
+    rest, bent = (shape.routes["motor"] for shape in (response.snapshots[0], response.snapshots[-1]))
+    np.testing.assert_allclose(rest, [[0.06, 0.0, 0.06], [0.01, 0.0, 0.08]], atol=1e-12)
+    np.testing.assert_allclose(bent[0], rest[0])
+    change = np.linalg.norm(bent[1] - bent[0]) - np.linalg.norm(rest[1] - rest[0])
+    extension, thrust = (of["motor"] for of in (response.snapshots[-1].coordinates, response.snapshots[-1].efforts))
+    assert extension == pytest.approx(response.channels["motor.extension"][-1], rel=1e-5)
+    assert change == pytest.approx(extension - thrust * 2e-5, rel=1e-9), "without what its machine gives way"
+    view = twin_view(robot, response)
+    assert view is not None
+    assert view.bent.label == "motor: -5 N"
+    tubes = [part.path for part in twin_scenes(view).scenes[1].parts if isinstance(part, Tube)]
+    assert any(np.array_equal(path, bent) for path in tubes)
+    pytest.importorskip("pyvista")
+    grid = shape_grid(robot, response.snapshots[-1])
+    assert "motor" in grid.field_data["parts"]
+    assert grid.field_data["motor.thrust [N]"][0] == pytest.approx(-5.0, rel=1e-4)
+    assert grid.field_data["motor.extension [m]"][0] == pytest.approx(extension)
+
+
 def test_it_is_calibrated_and_reported_from_a_project_file(push_rod: ModuleType, tmp_path: Path) -> None:
     truth = {"bar.youngs_modulus": MODULUS, "motor.softness": 5e-5}
     project = load(free_rod_project(tmp_path, **truth))
@@ -233,9 +269,10 @@ def test_it_is_calibrated_and_reported_from_a_project_file(push_rod: ModuleType,
     (result,) = calibrate(project, out=tmp_path / "run").results.values()
     for name, value in truth.items():
         assert result.parameters[name].value == pytest.approx(value, rel=1e-3)
-    report = write_report(tmp_path / "run", figures=["trajectory"])
-    drawn = next(path for path in report.figures if path.suffix == ".svg").read_text(encoding="utf-8")
-    assert "motor.extension [mm]" in drawn
+    report = write_report(tmp_path / "run", figures=["trajectory", "overview"])
+    drawn = {path.stem: path.read_text(encoding="utf-8") for path in report.figures if path.suffix == ".svg"}
+    assert {"Extension [mm]", "Thrust [N]"} <= set(re.findall("<!-- (.*) -->", drawn.pop("overview")))
+    assert all("motor.extension [mm]" in text for text in drawn.values())
 
 
 def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

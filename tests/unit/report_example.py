@@ -72,13 +72,13 @@ def twin_view(mesh: TetMesh, angle: float = 0.7) -> TwinView:
         def move(points: np.ndarray, theta: float = theta) -> np.ndarray:
             return bent_by(np.atleast_2d(points), theta, 0.014, 0.0966)
 
-        cables = {
+        routes = {
             cable.name: np.concatenate([cable.via_points[0].at[None], move(cable.via_points[1].at)])
             for cable in robot.cables
         }
         rotation = np.array([[np.cos(theta), 0, np.sin(theta)], [0, 1, 0], [-np.sin(theta), 0, np.cos(theta)]])
         plates = {"plate": (move(robot.plates[0].reference)[0], rotation)}
-        snapshots.append(Snapshot(label, {"neck": move(mesh.points)}, cables, plates, {"front": 0.04 * theta}))
+        snapshots.append(Snapshot(label, {"neck": move(mesh.points)}, routes, plates, {"front": 0.04 * theta}))
     return TwinView(robot, snapshots[0], snapshots[1], {"neck": mesh.tets})
 
 

@@ -9,7 +9,7 @@ import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
 from softcal.plugins.calculix import load_path as module
-from softcal.plugins.calculix.load_path import coordinates, efforts, load_path, positions
+from softcal.plugins.calculix.load_path import coordinates, load_path, positions
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -31,7 +31,7 @@ def test_the_steps_are_equal_parts_of_the_pull_of_some_15_degrees():
     )
     assert len(path.shapes) == np.ceil(turn / 15.0) > 2
     twin = twin_of(ROBOT)
-    pulls = [coordinates(ROBOT, positions(twin, shape), efforts(shape))["front"] for shape in path.shapes]
+    pulls = [coordinates(ROBOT, positions(twin, shape), shape.efforts)["front"] for shape in path.shapes]
     np.testing.assert_allclose(pulls, np.linspace(0.0, 0.04, len(pulls) + 1)[1:], rtol=1e-6)
     assert path.shapes[-1] is end
 
@@ -44,9 +44,9 @@ def test_a_small_pull_is_one_step_and_no_pull_none_more():
 def test_a_heavy_robot_hangs_first():
     heavy = replace(ROBOT, gravity=np.array([3.0, 0.0, 0.0]), bodies=(replace(ROBOT.bodies[0], density=1000.0),))
     path = load_path(heavy, end_of(heavy, tensed(1.0)))
-    assert path.shapes[0].tensions == {"front": 0.0}
+    assert path.shapes[0].efforts == {"front": 0.0}
     assert np.abs(path.shapes[0].points["neck"] - ROBOT.bodies[0].mesh.points).max() > 1e-5
-    assert path.shapes[-1].tensions["front"] == pytest.approx(1.0, rel=1e-6)
+    assert path.shapes[-1].efforts["front"] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_the_stiffness_is_that_of_finite_differences():

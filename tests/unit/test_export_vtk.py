@@ -131,7 +131,7 @@ def test_shapes_of_samples_are_solved_there_and_timed_by_the_drive(tmp_path, mak
         assert shape.controls == {"front": pytest.approx(scale * drive[k], abs=1e-15)}
         alone = simulate(robot, make(scale * drive[k]), snapshots=True).snapshots[-1]
         np.testing.assert_allclose(shape.points["neck"], alone.points["neck"], atol=1e-9)
-        assert shape.tensions["front"] == pytest.approx(response.channels["front.tension"][k], abs=1e-9)
+        assert shape.efforts["front"] == pytest.approx(response.channels["front.tension"][k], abs=1e-9)
 
 
 def test_shapes_that_do_not_ascend_are_numbered(tmp_path):
@@ -167,7 +167,7 @@ def test_film_of_a_pull_is_even_and_of_states_refused():
     assert found["rest"].n_samples == 1
     let_out = films({"out": Protocol({"front": Command("shortening", -0.03 * np.array([0.1, 0.7, 1.0]))})}, 4)
     np.testing.assert_allclose(let_out["out"].commands["front"].values, [0.0, -0.01, -0.02, -0.03])
-    with pytest.raises(ParameterError, match="apart: the cables' commands are not proportional"):
+    with pytest.raises(ParameterError, match="apart: the actuators' commands are not proportional"):
         films({"one": Protocol(up_and_down), "apart": Protocol(apart)}, 5)
     with pytest.raises(ParameterError, match="--shapes: nothing is pulled"):
         films({"rest": Protocol({"front": Command("tension", np.zeros(2))})}, 5)

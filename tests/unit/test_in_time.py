@@ -131,7 +131,7 @@ def test_shapes_are_kept_over_the_run():
     response = simulate_in_time(column(), ramp(TENSION, 0.2), TimeSettings(0.01), snapshots=5)
     labels = [shape.label for shape in response.snapshots]
     assert labels == ["0 s", "0.04 s", "0.08 s", "0.12 s", "0.16 s", "0.2 s"]
-    assert response.snapshots[-1].tensions["front"] == pytest.approx(2.0)
+    assert response.snapshots[-1].efforts["front"] == pytest.approx(2.0)
     assert response.tets["neck"].shape[1] == 4
 
 

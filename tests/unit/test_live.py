@@ -207,7 +207,7 @@ def test_a_state_keeps_its_shape_after_later_steps():
     shape = first.shape
     z = shape.plates["plate"][0][2]
     assert z == first.channels["plate.z"]
-    assert shape.tensions["front"] == first.channels["front.tension"]
+    assert shape.efforts["front"] == first.channels["front.tension"]
     assert first.warnings == ()
 
 

@@ -361,7 +361,7 @@ def test_a_chart_says_whether_its_bars_are_intervals() -> None:
 
 
 def test_what_decides_without_angles_or_positions() -> None:
-    sentence = "Neither angles nor positions were compared in a; the fit uses cable force and travel only."
+    sentence = "Neither angles nor positions were compared in a; the fit uses force and travel only."
     assert sentence in told(content({"a": result("a")}), "note")
     for channel in ("pitch", "S4.pitch", "roll", "m4.x"):
         made = replace(fit(), rmse={"tension": 0.1, channel: 0.1})

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from report_example import bench_experiment, example_content, fit_of, tpe_result
 
 from softcal.report.figures.force_displacement import draw_record
-from softcal.report.figures.overview import draw_overview
+from softcal.report.figures.overview import draw_overview, overview_curves
 from softcal.report.figures.trajectory import TrajectoryPanels, draw_trajectory, trajectory_panels
 
 
@@ -26,7 +26,8 @@ def overview(n: int) -> Figure:
     content = replace(
         example_content(n_trials=3), experiments={t.name: t for t in tests}, results={"joint": result}, headline="joint"
     )
-    return draw_overview(content, result)
+    ((pair, curves),) = overview_curves(content).items()
+    return draw_overview(curves, pair)
 
 
 @pytest.mark.parametrize("n", [1, 4, 8, 20])

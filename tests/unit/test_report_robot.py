@@ -185,7 +185,7 @@ def test_slack_cables_are_grey_and_the_colours_reach_the_displacement():
     view = twin_view(one, response)
     assert view is not None
     assert (view.rest.label, view.bent.label) == ("At rest", "cable6: 8 N")
-    assert view.bent.tensions["cable6"] == pytest.approx(8.0, rel=1e-6), "drawn as far as was asked for"
+    assert view.bent.efforts["cable6"] == pytest.approx(8.0, rel=1e-6), "drawn as far as was asked for"
     found = twin_scenes(view)
     moved = max(np.linalg.norm(view.bent.rods[rod] - view.rest.rods[rod], axis=1).max() for rod in SHAPE.spring_names)
     assert found.largest == pytest.approx(moved)

@@ -161,7 +161,7 @@ def test_a_plate_of_no_shape_is_the_outline_of_what_it_holds_and_leads_to_its_ca
     for scene in twin_scenes(view).scenes:
         (wire,) = [part for part in scene.parts if isinstance(part, Wire)]
         snapshot = view.rest if scene.title == view.rest.label else view.bent
-        ends = [path[-1] for cable, path in snapshot.cables.items()]
+        ends = [path[-1] for cable, path in snapshot.routes.items()]
         ring, *arms = wire.paths
         assert np.array_equal(ring[0], ring[-1])
         np.testing.assert_allclose([arm[-1] for arm in arms], ends, atol=1e-9)

@@ -63,8 +63,8 @@ def test_every_sample_of_a_pull(engine):
     assert response.units["plate.pitch"] == "rad"
     assert [shape.label for shape in response.snapshots] == ["at rest", "state 1", "state 2", "state 3"]
     last = response.snapshots[-1]
-    assert last.tensions["front"] == pytest.approx(tension(0.02))
-    np.testing.assert_allclose(last.cables["front"], [[0.05, 0.0, 0.08], [0.05, 0.0, 0.0]], atol=1e-12)
+    assert last.efforts["front"] == pytest.approx(tension(0.02))
+    np.testing.assert_allclose(last.routes["front"], [[0.05, 0.0, 0.08], [0.05, 0.0, 0.0]], atol=1e-12)
     assert last.points["neck"].shape == response.snapshots[0].points["neck"].shape
 
 

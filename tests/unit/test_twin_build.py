@@ -61,7 +61,7 @@ def test_via_point_on_a_body_moves_with_it(element):
     twin = build_twin(column_robot(element, divisions=(2, 2, 3), cables=(cable,)))
     A = np.array([[1.1, 0.2, 0.0], [0.0, 0.9, 0.1], [0.3, 0.0, 1.2]])
     x = twin.system.layout.X @ A.T
-    found = sum(w * x[p] for p, w in twin.via["front"][1])
+    found = sum(w * x[p] for p, w in twin.routes["front"][1])
     np.testing.assert_allclose(found, A @ at, atol=1e-14)
 
 
@@ -71,7 +71,7 @@ def test_points_on_the_plate_ride_on_it():
     dz = np.zeros(layout.n_unknowns)
     dz[layout.first_frame_unknown : layout.first_frame_unknown + 6] = [0, 0, 0, 0, np.pi / 2, 0]
     state = moved(layout, rest_state(layout), dz)
-    ((point, weight),) = twin.via["front"][0]
+    ((point, weight),) = twin.routes["front"][0]
     assert weight == 1.0
     np.testing.assert_allclose(state.x[point], [0.0, 0.0, 0.05], atol=1e-15)  # (50, 0, 0) mm turned about y
 

@@ -49,10 +49,10 @@ def test_it_has_the_equilibria_of_the_load_path_and_says_how_far_what_is_between
     assert (driven["name"], driven["control"]) == ("front", control)
     assert [driven["least"], driven["most"]] == [response.snapshots[k].drive for k in (0, -1)]
     read = evaluator_of({**data["model"], "rows": [], "error": {}})
-    largest = response.snapshots[-1].tensions["front"]
+    largest = response.snapshots[-1].efforts["front"]
     for one in response.snapshots:
         shown = read.state({"front": one.drive})["coordinates"]
-        assert shown["front.tension"] == pytest.approx(one.tensions["front"], abs=1e-5 * largest)
+        assert shown["front.tension"] == pytest.approx(one.efforts["front"], abs=1e-5 * largest)
         at, turned = one.plates["plate"]
         assert [shown[f"plate.{axis}"] for axis in "xyz"] == pytest.approx(at, abs=1e-7)
         assert shown["plate.pitch"] == pytest.approx(angles(turned)[0], abs=1e-5)

@@ -145,8 +145,8 @@ def test_snapshots_hold_what_the_channels_say():
         *(response.channels[name] for name in ("front.shortening", "front.tension", "plate.pitch")), strict=True
     ):
         shot = min(response.snapshots, key=lambda shot: abs(shot.controls["front"] - d))
-        assert shot.tensions["front"] == pytest.approx(T)
-        length = np.linalg.norm(np.diff(shot.cables["front"], axis=0), axis=1).sum()
+        assert shot.efforts["front"] == pytest.approx(T)
+        length = np.linalg.norm(np.diff(shot.routes["front"], axis=0), axis=1).sum()
         assert length == pytest.approx(0.1 - d, abs=1e-9)
         _, R = shot.plates["plate"]
         assert np.arctan2(R[0, 2], R[2, 2]) == pytest.approx(pitch)

@@ -233,7 +233,7 @@ def test_the_report_has_peak_and_energy_of_every_cycle() -> None:
     np.testing.assert_allclose(by_column["Lost"], 100 * lost)
     assert np.all(lost > 0.5 * bench_record.HYSTERESIS)
     assert table.title in render_page(shown, [])
-    assert not all_tables(given)["cycles"].rows
+    assert "cycles" not in all_tables(given)
     assert table.title not in render_page(given, [])
 
 

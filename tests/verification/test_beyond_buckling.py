@@ -67,7 +67,7 @@ def test_cables_go_taut_and_slack_as_the_rod_falls(share: tuple[float, ...]) -> 
     n_slack = 0
     for k, shot in enumerate(response.snapshots):
         for i, part in enumerate(share):
-            length = np.linalg.norm(np.diff(shot.cables[f"c{i}"], axis=0), axis=1).sum()
+            length = np.linalg.norm(np.diff(shot.routes[f"c{i}"], axis=0), axis=1).sum()
             allowed = LENGTH - part * d[k]
             assert tension[i, k] >= 0.0
             if tension[i, k] > 0.0:

@@ -61,8 +61,8 @@ def test_drum_takes_its_share_of_the_tension(tension):
     robot = robot_over_a_drum(MU)
     rubbed = simulate(robot, tensed(tension), snapshots=True, curve_tolerance=0.0)
     assert rubbed.succeeded, rubbed.status
-    shot = min(rubbed.snapshots, key=lambda shot: abs(shot.tensions["front"] - tension))
-    phi = turn_of(shot.cables["front"])
+    shot = min(rubbed.snapshots, key=lambda shot: abs(shot.efforts["front"] - tension))
+    phi = turn_of(shot.routes["front"])
     assert abs(phi - 0.5 * np.pi) > 0.003  # the plate's end swings
 
     free = column_robot("P1", parameters=elastic(0.5e6, 0.4), cables=(side_cable("front", (0.05, 0.0)),))
@@ -87,7 +87,7 @@ def test_friction_makes_the_pull_harder_by_the_capstan_formula(n):
     smooth, rubbed = (
         simulate(robot_over_a_drum(mu, n), pulled(0.01), snapshots=True, curve_tolerance=0.0) for mu in (0.0, MU)
     )
-    phi = turn_of(rubbed.snapshots[-1].cables["front"])
+    phi = turn_of(rubbed.snapshots[-1].routes["front"])
     ratio = rubbed.channels["front.tension"][0] / smooth.channels["front.tension"][0]
     assert ratio == pytest.approx(np.exp(MU * phi), rel=1e-6)
 

@@ -165,8 +165,8 @@ def test_the_tension_that_a_shortening_needs_is_exact_to_first_order():
     ours = {n: float(c.values[0]) for n, c in commands.items()}
     needed = _needed(load_path(ROBOT, shape), shape, ours, {n: ours[n] - lacks[n] for n in ours})
     for name, tension in needed.items():
-        change = there[f"{name}.tension"][0] - shape.tensions[name]
-        assert tension - shape.tensions[name] == pytest.approx(change, rel=1e-2)
+        change = there[f"{name}.tension"][0] - shape.efforts[name]
+        assert tension - shape.efforts[name] == pytest.approx(change, rel=1e-2)
         assert abs(change) > 1e-4
     assert set(needed) == {"front", "left"}
 

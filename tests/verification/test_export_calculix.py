@@ -203,6 +203,6 @@ def test_what_it_cannot_be_given_is_refused_at_once():
 def test_a_deck_that_does_not_converge_says_how_far_it_came(tmp_path):
     robot = in_its_law(column_robot("P1", parameters=elastic(1e6, 0.4)))
     shape = simulate(robot, pulled(0.0, 0.01), snapshots=True).snapshots[-1]
-    deck = calculix_deck(robot, [shape, replace(shape, tensions={"front": 1e6})])
+    deck = calculix_deck(robot, [shape, replace(shape, efforts={"front": 1e6})])
     with pytest.raises(SimulationError, match=r"did not reach the full load \(ERROR: .*\); it reached 1 of 2 states"):
         run_calculix(deck, tmp_path)

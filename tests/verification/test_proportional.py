@@ -71,12 +71,12 @@ def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
     again, fresh = (simulate(one, pulled(*samples), theta, snapshots=True) for one in (robot, afresh(robot)))
     assert len(again.snapshots) == len(fresh.snapshots) > 2
     for one, other in zip(again.snapshots, fresh.snapshots, strict=True):
-        assert one.tensions == other.tensions
+        assert one.efforts == other.efforts
         for values, others in ((one.pressures, other.pressures), (one.points, other.points)):
             for name in others:
                 np.testing.assert_array_equal(values[name], others[name])
     here = simulate(robot, pulled(*samples), snapshots=True).snapshots[-1]
-    assert fresh.snapshots[-1].tensions["front"] != pytest.approx(here.tensions["front"], rel=0.1)
+    assert fresh.snapshots[-1].efforts["front"] != pytest.approx(here.efforts["front"], rel=0.1)
 
 
 @pytest.mark.slow

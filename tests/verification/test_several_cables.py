@@ -75,7 +75,7 @@ def test_taut_or_slack_is_found_at_every_sample(seed):
     n_slack = 0
     for i, shot in enumerate(response.snapshots):
         for name, values in d.items():
-            length = np.linalg.norm(np.diff(shot.cables[name], axis=0), axis=1).sum()
+            length = np.linalg.norm(np.diff(shot.routes[name], axis=0), axis=1).sum()
             allowed = 0.1 - values[i]
             tension = response.channels[f"{name}.tension"][i]
             assert tension >= 0.0

@@ -111,9 +111,9 @@ def test_tendon_bar_is_an_arc_along_its_length():
     robot = tendon_robot("P2", 0.0)
     tension = STIFFNESS / (OFFSET * LENGTH)
     response = simulate(robot, tensed(tension, cable="tendon"), snapshots=True, curve_tolerance=0.0)
-    shot = min(response.snapshots, key=lambda shot: abs(shot.tensions["tendon"] - tension))
-    assert shot.tensions["tendon"] == pytest.approx(tension, rel=1e-6)
-    cable = shot.cables["tendon"][::-1]
+    shot = min(response.snapshots, key=lambda shot: abs(shot.efforts["tendon"] - tension))
+    assert shot.efforts["tendon"] == pytest.approx(tension, rel=1e-6)
+    cable = shot.routes["tendon"][::-1]
     step = np.diff(cable, axis=0)[:, [0, 2]]
     turns = np.diff(np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
     np.testing.assert_allclose(turns[1:-1], 1.0 / N_VIA, rtol=0.1)

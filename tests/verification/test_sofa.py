@@ -41,9 +41,7 @@ def test_beam_with_embedded_cable_settles_as_in_sofa(by):
         assert response.succeeded, response.status
         assert response.channels["tendon.shortening"][0] == pytest.approx(row["shortening_m"], rel=1e-4)
         assert response.channels["tendon.tension"][0] == pytest.approx(row["tension_N"], rel=1e-4)
-        at_value = [
-            shot for shot in response.snapshots if abs(shot.tensions["tendon"] - row["tension_N"]) < 1e-4 * 0.03
-        ]
+        at_value = [shot for shot in response.snapshots if abs(shot.efforts["tendon"] - row["tension_N"]) < 1e-4 * 0.03]
         assert_tip_as_measured(robot, at_value[0], row)
 
 

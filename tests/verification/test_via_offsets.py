@@ -113,7 +113,7 @@ def test_points_between_two_follow_their_offsets_in_proportion():
 def test_an_offset_along_a_rod_keeps_the_section_that_carries_the_point():
     moved = with_parameters(tentacle(), {"front.base.z_offset": 5e-3})
     twin, before = build_twin(moved), build_twin(tentacle())
-    assert [len(place) for place in twin.via["front"]] == [len(place) for place in before.via["front"]]
+    assert [len(place) for place in twin.routes["front"]] == [len(place) for place in before.routes["front"]]
 
 
 def test_only_named_via_points_are_parameters():

@@ -10,7 +10,6 @@ from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.driven import driven
 from softcal.experiments.steps.branches import cycle_rows
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
 
 VANISHED = 0.02  # of the peak: an effort, such as a tension, below it has vanished
 
@@ -34,8 +33,6 @@ class Loop:
     vanishes_at
         The coordinate [SI] at which the effort has vanished as the actuator is let go, slack and permanent set
         together; None where it does not.
-    units
-        SI units of the coordinate and of the effort.
     """
 
     number: int
@@ -44,7 +41,6 @@ class Loop:
     peak_effort: float
     travel: float
     vanishes_at: float | None = None
-    units: tuple[str, str] = (SHORTENING.unit, TENSION.unit)
 
     @property
     def hysteresis(self) -> float:
@@ -88,7 +84,6 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
                 peak_effort=sign * float(effort[rows].max()),
                 travel=float(np.ptp(travel[rows])),
                 vanishes_at=vanishes_at,
-                units=of.units,
             )
         )
     return tuple(found)

@@ -1,11 +1,13 @@
 """Shapes for PyVista; and for ParaView: one .vtu file per solved shape, and a .pvd file that lists them in order.
 
-ParaView's time is the drive: the pulled cable's shortening [mm] or tension [N], or the time [s]. It is the number of
-the shape if several cables are pulled or the drive does not ascend, since shapes of equal time would be drawn together.
+ParaView's time is the drive in its display unit, such as the pulled cable's shortening [mm] or a chamber's pressure
+[kPa], or the time [s]. It is the number of the shape if several actuators are driven or the drive does not ascend,
+since shapes of equal time would be drawn together.
 
 Points carry `displacement` [m] from the robot without loads; tets `stress` (Cauchy) and `von_mises` [Pa], and `strain`
-(Green-Lagrange), each the element's mean; rods and cables are lines, discs their skins. `part` numbers the parts as in
-`parts`, which is field data, as the parameters are, and in `parts.txt`.
+(Green-Lagrange), each the element's mean; rods and the routes of actuators are lines, discs their skins, chambers their
+walls. `part` numbers the parts as in `parts`, which is field data, as the parameters, efforts and coordinates are, and
+in `parts.txt`.
 """
 
 from __future__ import annotations
@@ -24,9 +26,11 @@ from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
 from softcal.twin.contacts import disc_skin
+from softcal.twin.loads import walls
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
+from softcal.units import readable_unit, unit_factor
 
 VTK_LINE, VTK_TRIANGLE = 3, 5
 
@@ -55,7 +59,9 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
         path = folder / f"shape-{i:03d}.vtu"
         shape_grid(robot, shape).save(str(path))
         written.append(path)
-    drive = np.array([1e3 * shape.drive if shape.drive_unit == "m" else shape.drive for shape in response.snapshots])
+    unit, drive = response.snapshots[0].drive_unit, np.array([shape.drive for shape in response.snapshots])
+    if unit:
+        drive = drive / unit_factor(readable_unit(float(np.abs(drive).max()), unit), unit)
     times = drive if (np.diff(drive) > 0.0).all() else np.arange(1.0, len(drive) + 1.0)
     entries = "".join(
         f'    <DataSet timestep="{time:.10g}" group="" part="0" name={quoteattr(shape.label)} file="{path.name}"/>\n'
@@ -101,7 +107,9 @@ class _Cells:
 def _parts(robot: Robot) -> list[str]:
     """The names of what is drawn, in the order of their numbers."""
     discs = [plate for plate in robot.plates if plate.disc is not None]
-    return [part.name for part in (*robot.bodies, *robot.rods, *robot.cables, *discs)]
+    lines = [part for part in robot.actuated if part.route]
+    walled = [part for part in robot.actuated if part.surfaces]
+    return [part.name for part in (*robot.bodies, *robot.rods, *lines, *discs, *walled)]
 
 
 @checked_arguments
@@ -110,8 +118,8 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
 
     Points carry `displacement` [m] from the robot without loads; tets `stress` (Cauchy, 9 columns) and `von_mises` [Pa]
     and `strain` (Green-Lagrange), each the element's mean, zero in all else (`cell_data_to_point_data()` gives means at
-    the points). Rods and cables are lines, discs their skins. Every cell has a `part`, its number in
-    `field_data["parts"]`, where the parameters and the cables' tensions [N] are too.
+    the points). Rods and the routes of actuators are lines, discs their skins, chambers their walls. Every cell has a
+    `part`, its number in `field_data["parts"]`, where the parameters, efforts and coordinates are too.
 
     Parameters
     ----------
@@ -139,8 +147,8 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
     meshes = {body.name: ELEMENTS[body.element].mesh(body.mesh) for body in robot.bodies}
     sizes = {name: mesh.n_points for name, mesh in meshes.items()}
     sizes |= {rod.name: len(rod.centreline.nodes) for rod in robot.rods}
-    sizes |= {cable.name: len(cable.via_points) for cable in robot.cables}
-    if sizes != {name: len(x) for name, x in (*shape.points.items(), *shape.rods.items(), *shape.cables.items())}:
+    sizes |= {part.name: len(part.route) for part in robot.actuated if part.route}
+    if sizes != {name: len(x) for name, x in (*shape.points.items(), *shape.rods.items(), *shape.routes.items())}:
         raise ParameterError(Fault("the shape is of another robot", "shape", shape.label, "one of this robot"))
     cells = _Cells()
     for body in robot.bodies:
@@ -158,8 +166,9 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
             )
         cells.strain[-1] = green_lagrange_strain(element, mesh, x)
     lines = {rod.name: (rod.centreline.nodes, shape.rods[rod.name]) for rod in robot.rods}
-    for cable in robot.cables:
-        lines[cable.name] = np.array([point.at for point in cable.via_points]), shape.cables[cable.name]
+    for part in robot.actuated:
+        if part.route:
+            lines[part.name] = np.array([point.at for point in part.route]), shape.routes[part.name]
     for name, (at_rest, x) in lines.items():
         segments = np.arange(len(x) - 1)[:, None] + [0, 1]
         cells.add(names.index(name), x, at_rest, segments, VTK_LINE)
@@ -169,6 +178,11 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
             position, rotation = shape.plates[plate.name]
             x = position + (skin - plate.reference) @ rotation.T
             cells.add(names.index(plate.name), x, skin, faces, VTK_TRIANGLE)
+    for name, by_body in walls(robot, meshes).items():
+        for body, faces in by_body.items():
+            nodes, corners = np.unique(faces[:, :3], return_inverse=True)
+            x, at_rest = shape.points[body][nodes], meshes[body].points[nodes]
+            cells.add(names.index(name), x, at_rest, corners.reshape(-1, 3), VTK_TRIANGLE)
     points = np.concatenate(cells.points)
     grid = pyvista.UnstructuredGrid(np.concatenate(cells.cells), np.array(cells.kinds, dtype=np.uint8), points)
     grid.point_data["displacement"] = points - np.concatenate(cells.rest)
@@ -180,6 +194,8 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
     grid.field_data["parts"] = names
     for name, info in robot_parameters(robot).items():
         grid.field_data[f"{name} [{info.unit}]"] = [info.value]
-    for cable, tension in shape.tensions.items():
-        grid.field_data[f"{cable}.tension [N]"] = [tension]
+    for part in robot.actuated:
+        for kind, values in zip(part.channels, (shape.coordinates, shape.efforts), strict=True):
+            if part.name in values:
+                grid.field_data[f"{part.name}.{kind.name} [{kind.unit}]"] = [values[part.name]]
     return grid

@@ -1,10 +1,10 @@
-"""Pictures for the visual check of a project: mesh with regions, cables, loads; curves of every experiment; states
+"""Pictures for the visual check of a project: mesh with regions, actuators, loads; curves of every experiment; states
 before the fit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,16 +22,24 @@ from softcal.report.format import file_stem, number
 from softcal.report.robot_view import (
     AROUND,
     LINE,
+    ROUTE,
+    WALL,
+    Walls,
+    actuator_legend,
     balls,
     has_materials,
     material_colours,
     material_faces,
     material_legend,
+    name_of,
+    on_walls,
     outlines,
     plate_parts,
     robot_points,
     rod_colours,
     rod_tube,
+    routed,
+    wall_labels,
 )
 from softcal.report.scene import (
     Arrow,
@@ -51,11 +59,12 @@ from softcal.report.scene import (
 )
 from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
-from softcal.report.scene_twin import bending_axes, cable_radius, displacements, twin_parts
-from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, as_png
+from softcal.report.scene_twin import bending_axes, displacements, route_radius, twin_parts
+from softcal.report.style import BLUE, GREEN, INK, PURPLE, RED, SKY, as_png
 from softcal.report.twin_view import TwinView
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
+from softcal.twin.loads import walls
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Moment, PointLoad, Robot, SurfaceLoad
 
@@ -65,7 +74,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_EDGES = 20000  # tets of a mesh whose edges can be told apart
-_SEEN_THROUGH = 0.6  # opacity of what may have cables or markers inside
+_SEEN_THROUGH = 0.6  # opacity of what may have actuators or markers inside
+BESIDE = 5e-3  # of the size of the robot: what is nearer to its axis is at it, but for the mesh
 
 
 @dataclass(frozen=True)
@@ -159,14 +169,13 @@ def draw_check(
         of_data = {name: add(f"data-{file_stem(name)}", draw_record(data)) for name, data in datasets.items()}
         rendered = rendering.result()
     own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
-    carriers = {_carrier_colour(robot, via.on) for cable in robot.cables for via in cable.via_points}
+    carriers = {_carrier_colour(robot, via.on) for part in robot.actuated for via in part.route}
     legend = material_legend(robot)
     if any(len(body.fixed) for body in robot.bodies) or any(plate.fixed for plate in robot.plates):
         legend["fixed"] = INK
     if any(not plate.fixed for plate in robot.plates):
         legend["plate (nodes, via points)" if robot.bodies else "plate"] = BLUE
-    if robot.cables:
-        legend["cable"] = ORANGE
+    legend |= actuator_legend(robot)
     legend |= {
         name: colour
         for colour, name in ((GREEN, "via point in space"), (PURPLE, "via point on a body"))
@@ -190,10 +199,11 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     """Two views of the robot at rest: from the side, and turned by 90 degrees from a higher viewpoint."""
     points = robot_points(robot)
     size = length_scale(points)
-    parts: list[Part] = [surface for body in robot.bodies for surface in _surfaces(robot, body)]
+    walled = walls(robot, {body.name: body.mesh for body in robot.bodies})
+    parts: list[Part] = [surface for body in robot.bodies for surface in _surfaces(robot, body, walled)]
     fixed = [path for body in robot.bodies for path in outlines(body, body.fixed)]
     parts += [Wire(tuple(fixed), LINE * size, colour=INK)] if fixed else []
-    carried = {part.on for part in (*(via for cable in robot.cables for via in cable.via_points), *robot.markers)}
+    carried = {part.on for part in (*(via for part in robot.actuated for via in part.route), *robot.markers)}
     for rod in robot.rods:
         opacity = _SEEN_THROUGH if rod.name in carried else 1.0
         colours = rod_colours(rod, material_colours(robot))
@@ -204,18 +214,19 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
         drawn, around = plate_parts(robot, plate, pose, INK if plate.fixed else BLUE, size)
         parts += drawn
         others.append(Label(plate.name, around))
-    names: list[Label] = []
-    radius = cable_radius(robot, size)
-    for cable in robot.cables:
-        path = np.stack([via.at for via in cable.via_points])
-        parts.append(Tube(path, radius, colour=ORANGE))
-        shown = [cable.via_points[k] for k in balls(robot, cable)]
+    of_walls = wall_labels(walled, {body.name: body.mesh.points for body in robot.bodies})
+    names, radius, routes = [*of_walls], route_radius(robot, size), list[Floats]()
+    for part in routed(robot):
+        path = np.stack([via.at for via in part.route])
+        routes.append(path)
+        parts.append(Tube(path, radius, colour=ROUTE))
+        shown = [part.route[k] for k in balls(robot, part)]
         parts += [Ball(via.at, 2 * radius, colour=_carrier_colour(robot, via.on)) for via in shown]
-        names.append(Label(cable.name, refined(path)))
+        names.append(Label(name_of(robot, part), refined(path)))
     parts += [Ball(marker.place, 0.012 * size, colour=SKY) for marker in robot.markers]
     others += [Label(marker.name, marker.place[None]) for marker in robot.markers]
     up = up_direction(robot)
-    towards = _first_cable_side(robot, points, up)
+    towards = _first_actuator_side([*routes, *(one.at for one in of_walls)], points.mean(axis=0), up, size)
     # Arrows of equal length for all loads, so that small ones are visible; the label gives the magnitude.
     load_names: list[Label] = []
     for load in robot.loads:
@@ -236,7 +247,7 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
         side = np.cross(up, towards) - towards
         side = side / np.linalg.norm(side)
         middle = points.mean(axis=0)
-        every = np.concatenate([points, *(via.at[None] for cable in robot.cables for via in cable.via_points)])
+        every = np.concatenate([points, *routes])
         tail = middle + (float(((every - middle) @ side).max()) + 0.22 * size) * side
         parts.append(Arrow(tail, tail + 0.2 * size * robot.gravity / strength, 0.009 * size, colour=RED))
         load_names.append(Label(f"gravity: {number(strength)} m/s²", tail[None]))
@@ -278,11 +289,19 @@ def region_colours(robot: Robot, body: Body, faces: Ints, colour: str) -> Floats
     return colours
 
 
-def _surfaces(robot: Robot, body: Body) -> list[Surface]:
-    """The surface of each material; one with cables or other materials inside is seen through."""
-    routed = any(via.on == body.name for cable in robot.cables for via in cable.via_points)
+def _surfaces(robot: Robot, body: Body, walled: Walls) -> list[Surface]:
+    """The surface of each material, and the walls that actuators act on; one with actuators or other materials inside
+    is seen through.
+    """
+    has_inside = any(via.on == body.name for part in robot.actuated for via in part.route)
+    has_inside |= any(body.name in part.surfaces for part in robot.actuated)
     colours, surfaces = material_colours(robot), list[Surface]()
-    for material, faces in material_faces(body, body.mesh.tets).items():
+    for material, every in material_faces(body, body.mesh.tets).items():
+        is_wall = on_walls(every, body.name, walled)
+        if is_wall.any():
+            wall = fine_surface(every[is_wall])
+            surfaces.append(Surface(wall.at(body.mesh.points), wall.triangles, colour=WALL))
+        faces = every[~is_wall]
         fine = fine_surface(faces)
         around = material == body.name and len(body.materials) > 1
         surfaces.append(
@@ -290,7 +309,7 @@ def _surfaces(robot: Robot, body: Body) -> list[Surface]:
                 fine.at(body.mesh.points),
                 fine.triangles,
                 colour=fine.by_triangle(region_colours(robot, body, faces, colours[material])),
-                opacity=AROUND if around else _SEEN_THROUGH if routed else 1.0,
+                opacity=AROUND if around else _SEEN_THROUGH if has_inside else 1.0,
                 edges=fine.edges if material == body.name and body.mesh.n_tets < _MOST_EDGES else None,
             )
         )
@@ -303,11 +322,14 @@ def _carrier_colour(robot: Robot, carrier: str) -> str:
     return PURPLE if carrier else GREEN
 
 
-def _first_cable_side(robot: Robot, points: Floats, up: Floats) -> Floats:
-    """The direction across `up` from the axis to the first cable; any direction if there is no cable."""
-    if robot.cables:
-        offset = np.mean([via.at for via in robot.cables[0].via_points], axis=0) - points.mean(axis=0)
+def _first_actuator_side(actuators: Iterable[Floats], middle: Floats, up: Floats, size: float) -> Floats:
+    """The direction across `up` from the middle of the robot (3,) to the first actuator that is not at its axis.
+
+    actuators: points (n, 3) of each; any direction where there is none.
+    """
+    for points in actuators:
+        offset = points.mean(axis=0) - middle
         aside = offset - (offset @ up) * up
-        if np.linalg.norm(aside) > 1e-9:
+        if np.linalg.norm(aside) > BESIDE * size:
             return aside
     return across(up)

@@ -15,7 +15,7 @@ import numpy as np
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.experiments.dataset import Dataset
-from softcal.report.format import channel_scale, joined, number
+from softcal.report.format import WORDS, channel_scale, in_a_word, joined, number
 from softcal.report.format import worst as worst_ones
 from softcal.report.tables import share_of_range
 from softcal.sensing.channel import ChannelName, channel_name
@@ -24,8 +24,6 @@ from softcal.sensing.channel import ChannelName, channel_name
 CLOSE, POOR = 0.03, 0.10
 # An RMS error up to this many times the noise of the record counts as noise.
 _NOISE = 1.2
-# What kinds of channel are called in sentences, those of the most interest first; any other one by its name.
-_WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
 
 
 @dataclass(frozen=True)
@@ -72,9 +70,9 @@ def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Mis
 def in_words(channels: Iterable[str]) -> list[tuple[ChannelName, str]]:
     """The channels but positions, each with the word for its kind; forces first."""
     found = [of for of in map(channel_name, channels) if not of.kind.is_position]
-    order = [*_WORDS, *(of.kind.name for of in found)]
+    order = [*WORDS, *(of.kind.name for of in found)]
     found.sort(key=lambda of: order.index(of.kind.name))
-    return [(of, _WORDS.get(of.kind.name, of.kind.name)) for of in found]
+    return [(of, in_a_word(str(of))) for of in found]
 
 
 def of_carrier(word: str, carrier: str) -> str:

@@ -28,6 +28,7 @@ from softcal.report.format import (
     MANY,
     few,
     find_parameter,
+    in_a_word,
     joined,
     number,
     parameter_label,
@@ -37,7 +38,7 @@ from softcal.report.headline import headline
 from softcal.report.positions import fit_sentence, prediction_sentence
 from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
-from softcal.sensing.channel import channel_name
+from softcal.sensing.channel import channel_name, of_actuator
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, format_quantity
 
@@ -268,7 +269,9 @@ def _unmeasured_pitch(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     silent = [name for name, fit in fits.items() if fit.rmse and all(channel_name(c).kind.drives for c in fit.rmse)]
     if silent:
         where = joined(silent)
-        text = f"Neither angles nor positions were compared in {where}; the fit uses cable force and travel only."
+        kinds = {c: of_actuator(channel_name(c).kind) for name in silent for c in fits[name].rmse}
+        words = dict.fromkeys(in_a_word(kind.name) for pair in kinds.values() for kind in pair[::-1])
+        text = f"Neither angles nor positions were compared in {where}; the fit uses {joined(words)} only."
         yield Remark(text, "note")
 
 

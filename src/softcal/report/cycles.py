@@ -2,68 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator
 
 from softcal.calibration.results.fit import has_cycles
 from softcal.calibration.results.result import CycleFit, ExperimentFit, SearchResult
-from softcal.experiments.driven import CABLE
 from softcal.experiments.hysteresis import Loop, loops
 from softcal.report.content import ReportContent
-from softcal.report.format import channel_scale, number
+from softcal.report.format import channel_scale, in_a_word, number
 from softcal.report.tables import Cell, Column, ReportTable
+from softcal.sensing.channel import channel_name, driven_pair
+from softcal.sensing.sensors.cable import TENSION
 
 _OF_RECORD = "The twin was fitted to chosen samples of these records; the table has what was measured."
 
 
-def cycles_table(content: ReportContent) -> ReportTable:
-    """Energy loss and peak of every cycle of the whole records; empty where no record has force, travel and cycles."""
+def cycles_tables(content: ReportContent) -> Iterator[ReportTable]:
+    """Energy loss and peak of every cycle of the whole records, by the kind of actuator."""
     records = {name: comparison.record for by_name in content.records.values() for name, comparison in by_name.items()}
-    found = {name: loops(record) for name, record in records.items() if has_cycles(record)}
-    of_cables = _of_cables(found.values())
-    rows = [(name, *row) for name, cycles in found.items() for row in _rows(cycles, of_cables)]
-    peak, end = _PEAK_AND_END[of_cables]
-    columns = (
-        Column("Experiment"),
-        Column("Cycle"),
-        Column(*peak),
-        Column("Peak below the first cycle's", "%", 2),
-        Column("Work of loading", "mJ"),
-        Column("Lost in the loop", "mJ"),
-        Column("Lost", "%", 2),
-        Column(*end),
-    )
-    return ReportTable("cycles", "Cycles of the whole records", columns, tuple(rows), _OF_RECORD)
+    rows: dict[tuple[str, str], list[tuple[Cell, ...]]] = {}
+    for name, record in records.items():
+        if has_cycles(record) and (pair := driven_pair(record.channels)) is not None:
+            rows.setdefault(_kinds(pair), []).extend((name, *row) for row in _rows(loops(record), pair))
+    for pair, own in rows.items():
+        columns = (Column("Experiment"), Column("Cycle"), *(Column(*of) for of in _columns(pair)))
+        yield ReportTable(_stem("cycles", pair), "Cycles of the whole records", columns, tuple(own), _OF_RECORD)
 
 
-def loops_table(content: ReportContent) -> ReportTable:
-    """Every cycle that was fitted, measured and simulated; empty where the samples go one way."""
-    rows: list[tuple[Cell, ...]] = []
-    fits = [fit for result in content.results.values() for fit in result.experiments.values()]
-    of_cables = _of_cables(_both(fit.cycles)[0] for fit in fits)
-    peak, end = _PEAK_AND_END[of_cables]
+def loops_tables(content: ReportContent) -> Iterator[ReportTable]:
+    """Every cycle that was fitted, measured and simulated, by the kind of actuator."""
+    rows: dict[tuple[str, str], list[tuple[Cell, ...]]] = {}
     for label, result in content.results.items():
         for name, fit in result.experiments.items():
-            measured, simulated = (_rows(tuple(side), of_cables) if side else [] for side in _both(fit.cycles))
-            for row, twin in zip(measured, simulated, strict=True):
-                rows.append((label, name, row[0], *(cell for k in (1, 3, 4, 5, 6) for cell in (row[k], twin[k]))))
-    columns = (
-        Column("Calibration"),
-        Column("Experiment"),
-        Column("Cycle"),
-        *(
-            Column(f"{what}{of}", unit)
-            for what, unit in (
-                peak,
-                ("Work of loading", "mJ"),
-                ("Lost in the loop", "mJ"),
-                ("Lost", "%"),
-                end,
-            )
-            for of in ("", ", twin")
-        ),
+            pair = driven_pair(fit.measured)
+            if not fit.cycles or pair is None:
+                continue
+            for row, twin in zip(*(_rows(tuple(side), pair) for side in _both(fit.cycles)), strict=True):
+                both = (cell for k in (1, 3, 4, 5, 6) for cell in (row[k], twin[k]))
+                rows.setdefault(_kinds(pair), []).append((label, name, row[0], *both))
+    for pair, own in rows.items():
+        named = [of[:2] for k, of in enumerate(_columns(pair)) if k != 1]
+        both = (Column(f"{what}{of}", unit) for what, unit in named for of in ("", ", twin"))
+        columns = (Column("Calibration"), Column("Experiment"), Column("Cycle"), *both)
+        word = in_a_word(pair[1])
+        note = f"Lost: over the work of loading. The {word} vanishes at the travel of slack and permanent set together."
+        yield ReportTable(_stem("loops", pair), "Cycles, measured and simulated", columns, tuple(own), note)
+
+
+def _kinds(pair: tuple[str, str]) -> tuple[str, str]:
+    """Kinds of the channels of a coordinate and an effort."""
+    coordinate, effort = (channel_name(channel).kind.name for channel in pair)
+    return coordinate, effort
+
+
+def _stem(name: str, pair: tuple[str, str]) -> str:
+    """The file of a table: with the word for the effort where it is not that of a cable."""
+    return name if pair[1] == TENSION.name else f"{name}-{in_a_word(pair[1])}"
+
+
+def _columns(pair: tuple[str, str]) -> tuple[tuple[str, str, int], ...]:
+    """What is told of each cycle, its unit and digits; see `_rows`."""
+    word, (coordinate, effort) = in_a_word(pair[1]), (channel_scale(channel_name(one).kind.unit).unit for one in pair)
+    return (
+        (f"Peak {word}", effort, 3),
+        ("Peak below the first cycle's", "%", 2),
+        ("Work of loading", "mJ", 3),
+        ("Lost in the loop", "mJ", 3),
+        ("Lost", "%", 2),
+        (f"{word.capitalize()} vanishes at", coordinate, 3),
     )
-    note = "Lost: over the work of loading. The force vanishes at the travel of slack and permanent set together."
-    return ReportTable("loops", "Cycles, measured and simulated", columns, tuple(rows), note)
 
 
 def cycle_sentences(result: SearchResult) -> list[str]:
@@ -86,12 +92,12 @@ def cycle_sentence(experiment: str, fit: ExperimentFit) -> str:
     if len(cycles) > 1 and all(side[-1].peak_effort != 0.0 for side in _both(cycles)):
         first, of_twin = (number(side[0].peak_effort / side[-1].peak_effort) for side in _both(cycles))
         text += f" The first peak is {first} times the last; the twin's, {of_twin} times."
-    last, of_twin = (side[-1] for side in _both(cycles))
-    if last.vanishes_at is not None and of_twin.vanishes_at is not None:
-        scale = channel_scale(last.units[0])
-        places = [f"{number(at / scale.factor)} {scale.unit}" for at in (last.vanishes_at, of_twin.vanishes_at)]
-        word = "force" if _of_cables([[last]]) else "effort"
-        text += f" In the last cycle the {word} vanishes at {places[0]}; the twin's, at {places[1]}."
+    at, of_twin = (side[-1].vanishes_at for side in _both(cycles))
+    pair = driven_pair(fit.measured)
+    if at is not None and of_twin is not None and pair is not None:
+        scale = channel_scale(channel_name(pair[0]).kind.unit)
+        at, of_twin = (f"{number(value / scale.factor)} {scale.unit}" for value in (at, of_twin))
+        text += f" In the last cycle the {in_a_word(pair[1])} vanishes at {at}; the twin's, at {of_twin}."
     return text
 
 
@@ -99,35 +105,18 @@ def _both(cycles: tuple[CycleFit, ...]) -> tuple[list[Loop], list[Loop]]:
     return [cycle.measured for cycle in cycles], [cycle.simulated for cycle in cycles]
 
 
-def _of_cables(found: Iterable[Sequence[Loop]]) -> bool:
-    """Whether all loops are of travel and force."""
-    return all(loop.units == CABLE.units for cycles in found for loop in cycles)
-
-
-# Titles and units of the columns of the peak and of where the effort vanishes; of actuators of several kinds each value
-# has its own unit. By whether all are cables.
-_PEAK_AND_END = {
-    True: (("Peak force", "N"), ("Force vanishes at", "mm")),
-    False: (("Peak effort", ""), ("Effort vanishes at", "")),
-}
-
-
-def _rows(cycles: tuple[Loop, ...], of_cables: bool) -> list[tuple[Cell, ...]]:
-    first = cycles[0].peak_effort
-
-    def shown(value: float, unit: str) -> Cell:
-        scale = channel_scale(unit)
-        return value / scale.factor if of_cables else f"{number(value / scale.factor)} {scale.unit}"
-
+def _rows(cycles: tuple[Loop, ...], pair: tuple[str, str]) -> list[tuple[Cell, ...]]:
+    """The number of each cycle, and what `_columns` names; pair: the channels of the coordinate and of the effort."""
+    first, (coordinate, effort) = cycles[0].peak_effort, (channel_scale(channel_name(one).kind.unit) for one in pair)
     return [
         (
             loop.number + 1,
-            shown(loop.peak_effort, loop.units[1]),
+            loop.peak_effort / effort.factor,
             100 * (first - loop.peak_effort) / first if first != 0.0 else None,
             1e3 * loop.loading_energy,
             1e3 * loop.lost_energy,
             100 * loop.hysteresis,
-            None if loop.vanishes_at is None else shown(loop.vanishes_at, loop.units[0]),
+            None if loop.vanishes_at is None else loop.vanishes_at / coordinate.factor,
         )
         for loop in cycles
     ]

@@ -11,6 +11,8 @@ from softcal.calibration.results.result import SearchResult
 from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.calibration.statistics.estimate import Estimate
 from softcal.materials.catalogue import LAWS, constants_of
+from softcal.sensing.channel import channel_name
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import readable_unit, unit_factor
 
@@ -28,7 +30,7 @@ class Scale:
 
     def axis(self, label: str) -> str:
         """Axis label such as "Pitch [deg]"."""
-        return f"{label} [{self.unit}]" if self.unit else label
+        return f"{label} [{self.unit.replace('*', ' ')}]" if self.unit else label
 
 
 def scale_of(si_unit: str, value: float = 1e6) -> Scale:
@@ -40,6 +42,24 @@ def scale_of(si_unit: str, value: float = 1e6) -> Scale:
 def channel_scale(si_unit: str) -> Scale:
     """Display scale of a channel with this SI unit; a pressure is in kPa."""
     return scale_of(si_unit, 1e3 if si_unit == "Pa" else 1e6)
+
+
+# What kinds of channel are called in sentences, those of the most interest first; any other one by its name.
+WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
+
+
+def in_a_word(channel: str) -> str:
+    """What a channel is called in sentences, whoever carries it: "force", "travel", "pressure"."""
+    kind = channel_name(channel).kind
+    return WORDS.get(kind.name, kind.name)
+
+
+def axis_label(channel: str) -> str:
+    """The axis of a channel of an actuator in its display unit, whichever actuator it is: "Pressure [kPa]"; of a
+    shortening as testing machines have it, "Displacement [mm]".
+    """
+    kind = channel_name(channel).kind
+    return channel_scale(kind.unit).axis("Displacement" if kind == SHORTENING else kind.label or kind.name)
 
 
 def estimate_scale(estimate: Estimate) -> Scale:

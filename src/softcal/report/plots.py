@@ -32,10 +32,11 @@ from softcal.report.figures.trajectory import (
     trajectory_panels,
 )
 from softcal.report.format import channel_scale, ordered_parameters, parameter_label
+from softcal.report.robot_view import AROUND, ROUTE, WALL, on_walls
 from softcal.report.scene import Part, Projection, Surface, Tube, bending_camera, length_scale
 from softcal.report.scene_twin import displacements
 from softcal.report.sketch import draw_parts, draw_sketch
-from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, ORANGE, SERIES, as_png, figure_settings, house_style
+from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, SERIES, as_png, figure_settings, house_style
 from softcal.report.surfaces import searched_pair
 from softcal.sensing.channel import channel_name
 from softcal.twin.parameter_name import parameter_name
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 
 FINE = 90.0  # [dots per inch] of pictures in a notebook
 MOST = 3  # experiments whose fit is shown there
-_ROD, _CABLE = 0.015, 0.007  # radii over the size of the robot
+_ROD, _LINE = 0.015, 0.007  # radii over the size of the robot
 
 
 @checked_arguments
@@ -205,7 +206,7 @@ def plot_shape(of: Response | Robot, ax: Any) -> Any:
 
 @drawn.register
 def robot_picture(robot: Robot) -> Iterator[bytes]:
-    """The robot at rest, with its regions, cables and loads."""
+    """The robot at rest, with its regions, actuators and loads."""
     yield as_png(draw_sketch(*shape_at_rest(robot)), FINE)
 
 
@@ -255,7 +256,7 @@ Sketch = tuple[Sequence[Part], Projection, Sequence[Part]]
 
 
 def shape_at_rest(robot: Robot) -> Sketch:
-    """The robot at rest, with its regions, cables and loads."""
+    """The robot at rest, with its regions, actuators and loads."""
     from softcal.report.check_figures import robot_scenes
 
     scenes, cameras = robot_scenes(robot)
@@ -276,8 +277,8 @@ def furthest_shape(response: Response) -> Sketch:
     up = np.linalg.eigh(middle.T @ middle)[1][:, -1]
     up = up if away @ (middle @ up) >= 0.0 else -up
     parts, behind = _parts(response, bent, moved, size), _parts(response, rest, None, size)
-    cables = [path for shape in (rest, bent) for path in shape.cables.values()]
-    camera = bending_camera(np.concatenate([start, end, *cables]), up, (end - start).mean(axis=0))
+    routes = [path for shape in (rest, bent) for path in shape.routes.values()]
+    camera = bending_camera(np.concatenate([start, end, *routes]), up, (end - start).mean(axis=0))
     return parts, camera, behind
 
 
@@ -330,17 +331,22 @@ def _lasting(axes: Axes) -> Axes:
 
 
 def _parts(response: Response, shape: Snapshot, moved: dict[str, np.ndarray] | None, size: float) -> list[Part]:
-    """Bodies, rods and cables of a shape; moved [m]: displacements that colour it, grey and without cables if None."""
+    """Bodies, rods and actuators of a shape; moved [m]: displacements that colour it, grey and without actuators if
+    None.
+    """
     from matplotlib import colormaps
 
     largest = max((float(d.max()) for d in (moved or {}).values()), default=0.0) or 1.0
     shades = {name: colormaps[DISPLACEMENT](d / largest)[:, :3] for name, d in (moved or {}).items()}
     parts: list[Part] = []
     for name, tets in response.tets.items():
-        fine, colours = fine_surface(boundary(tets)), shades.get(name)
-        parts.append(
-            Surface(fine.at(shape.points[name]), fine.triangles, colour=FAINT if colours is None else fine.at(colours))
-        )
+        faces, colours = boundary(tets), shades.get(name)
+        fine, is_wall = fine_surface(faces), on_walls(faces, name, response.walls)
+        at, is_inside = fine.at(shape.points[name]), fine.by_triangle(is_wall & (moved is not None))
+        look, opacity = FAINT if colours is None else fine.at(colours), AROUND if is_inside.any() else 1.0
+        parts.append(Surface(at, fine.triangles[~is_inside], colour=look, opacity=opacity))
+        if is_inside.any():
+            parts.append(Surface(at, fine.triangles[is_inside], colour=WALL))
     parts += [Tube(nodes, _ROD * size, colour=shades.get(name, FAINT)) for name, nodes in shape.rods.items()]
-    cables = {} if moved is None else shape.cables
-    return parts + [Tube(path, _CABLE * size, colour=ORANGE) for path in cables.values()]
+    routes = {} if moved is None else shape.routes
+    return parts + [Tube(path, _LINE * size, colour=ROUTE) for path in routes.values()]

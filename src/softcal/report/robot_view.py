@@ -8,14 +8,14 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.cell import all_faces, outer_faces
+from softcal.geometry.cell import all_faces, face_keys, outer_faces
 from softcal.geometry.pose import Pose
-from softcal.geometry.regions import Named, select_faces
 from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import border, boundary
-from softcal.report.scene import RIM, FlatDisc, Part, Tube, Wire
+from softcal.report.scene import RIM, FlatDisc, Label, Part, Tube, Wire
 from softcal.report.style import GREEN, ORANGE, PURPLE, RED, SKY
-from softcal.twin.robot import Body, Cable, Disc, Plate, Robot, Rod
+from softcal.twin.actuated import ActuatedPart
+from softcal.twin.robot import Body, Disc, Plate, Robot, Rod
 
 STEPS = 6  # between two nodes of a rod
 MOST_BALLS = 8  # via points of a cable that have a ball each
@@ -23,6 +23,7 @@ OWN = "#d6d3cd"  # the colour of a part's own material
 _TINTED = (GREEN, PURPLE, ORANGE, SKY, RED)  # for inclusions
 LINE = 0.004  # radius of lines over the size of the robot
 AROUND = 0.4  # opacity of a material that has others inside
+ROUTE, WALL = ORANGE, PURPLE  # of actuators: of the line that they are, and of the surfaces that they act on
 
 
 def robot_points(robot: Robot) -> Floats:
@@ -68,11 +69,47 @@ def material_faces(body: Body, tets: Ints) -> dict[str, Ints]:
     return {name: faces for name, faces in found.items() if len(faces)}
 
 
-def chamber_faces(robot: Robot, body: Body) -> Ints:
-    """Corners (k, 3) of the faces of a body that are walls of chambers."""
-    walls = [part.actuator.surfaces.get(body.name, ()) for part in robot.actuators]
-    faces = [select_faces(body.mesh, Named(one)) if isinstance(one, str) else np.array(one) for one in walls]
-    return np.concatenate([np.zeros((0, 3), dtype=np.int64), *(one[:, :3] for one in faces if len(one))])
+Walls = Mapping[str, Mapping[str, Ints]]
+"""Actuator -> body -> faces (n, 3 or 6) that it acts on; see `softcal.twin.loads.walls`."""
+
+
+def on_walls(faces: Ints, body: str, walls: Walls) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which of some faces actuators act on (k,).
+
+    Parameters
+    ----------
+    faces
+        The faces (k, 3 or 6).
+    body
+        Their body.
+    walls
+        Where the actuators act.
+    """
+    n, corners = 1 + int(faces.max(initial=0)), [of[body][:, :3] for of in walls.values() if body in of]
+    return np.isin(face_keys(faces, n), face_keys(np.concatenate([faces[:0, :3], *corners]), n))
+
+
+def wall_labels(walls: Walls, points: Mapping[str, Floats]) -> list[Label]:
+    """The names of actuators at the surfaces that they act on; points: body -> positions (n, 3) [m]."""
+    of = {name: [points[body][np.unique(faces)] for body, faces in by.items()] for name, by in walls.items()}
+    return [Label(name, np.concatenate(parts)) for name, parts in of.items()]
+
+
+def routed(robot: Robot) -> list[ActuatedPart]:
+    """Its actuators that have a route."""
+    return [part for part in robot.actuated if part.route]
+
+
+def name_of(robot: Robot, part: ActuatedPart) -> str:
+    """The name of an actuator in pictures: of a cable with that of the drive that pulls it."""
+    return f"{part.name} ({robot.led[part.name]})" if part.name in robot.led else part.name
+
+
+def actuator_legend(robot: Robot) -> dict[str, str]:
+    """The meaning of the colours of actuators: of their routes, and of the surfaces that they act on."""
+    kinds = {ROUTE: [part.kind for part in routed(robot)]}
+    kinds[WALL] = [part.kind for part in robot.actuated if part.surfaces]
+    return {" and ".join(dict.fromkeys(names)): colour for colour, names in kinds.items() if names}
 
 
 def rod_colours(rod: Rod, colours: Mapping[str, str]) -> str | Floats:
@@ -124,10 +161,12 @@ def _between(stations: Floats, values: Floats, at: Floats) -> Floats:
     return np.stack([np.interp(at, stations, column) for column in values.T], axis=1)
 
 
-def balls(robot: Robot, cable: Cable) -> list[int]:
-    """Numbers of a cable's via points that are drawn as balls: those in no disc; of many, which hide it, the ends."""
+def balls(robot: Robot, part: ActuatedPart) -> list[int]:
+    """Numbers of an actuator's via points that are drawn as balls: those in no disc; of many, which hide it, the
+    ends.
+    """
     shaped = {plate.name for plate in robot.plates if plate.disc is not None}
-    found = [k for k, via in enumerate(cable.via_points) if via.on not in shaped]
+    found = [k for k, via in enumerate(part.route) if via.on not in shaped]
     return found if len(found) <= MOST_BALLS else [found[0], found[-1]]
 
 
@@ -137,12 +176,12 @@ def plate_parts(
     """A plate at a pose of its reference point, and points (n, 3) [m] of it for the line from its name.
 
     It is drawn in its own shape with open guide holes; one of no stated shape as the outline of what it is bonded to,
-    with straight lines to the cables, holes and markers that it carries.
+    with straight lines to the actuators, holes and markers that it carries.
 
     Parameters
     ----------
     robot
-        What the plate is bonded to, with its cables and markers.
+        What the plate is bonded to, with its actuators and markers.
     plate
         The plate.
     pose
@@ -168,7 +207,7 @@ def plate_parts(
         )
         return [disc], pose.apply(0.97 * (_rim(plate.disc) - plate.disc.centre) + plate.disc.centre - plate.reference)
     bonded = [pose.apply(path - plate.reference) for path in _bonded(robot, plate)]
-    carried = [via.at for cable in robot.cables for via in cable.via_points if via.on == plate.name]
+    carried = [via.at for part in robot.actuated for via in part.route if via.on == plate.name]
     carried += [*plate.holes.values(), *(marker.place for marker in robot.markers if marker.on == plate.name)]
     arms = [pose.apply(np.stack([plate.reference, at]) - plate.reference) for at in carried]
     paths = [path for path in (*bonded, *arms) if np.ptp(path, axis=0).max() > 1e-6 * size]

@@ -1,4 +1,4 @@
-"""Scenes of the twin at rest and bent: bodies and rods coloured by displacement, cables, plates, markers."""
+"""Scenes of the twin at rest and bent: bodies and rods coloured by displacement, actuators, plates, markers."""
 
 from __future__ import annotations
 
@@ -8,20 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.geometry.cell import face_keys
 from softcal.geometry.fine_surface import fine_surface
 from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary
+from softcal.mechanics.actuator import NO_EFFORT
 from softcal.report.robot_view import (
     AROUND,
+    ROUTE,
+    WALL,
     balls,
-    chamber_faces,
     material_colours,
     material_faces,
+    name_of,
+    on_walls,
     plate_parts,
     robot_points,
     rod_colours,
     rod_tube,
+    routed,
+    wall_labels,
 )
 from softcal.report.scene import (
     Ball,
@@ -37,12 +42,12 @@ from softcal.report.scene import (
     refined,
 )
 from softcal.report.twin_view import TwinView
+from softcal.twin.actuated import effort_shares
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
 
-TAUT = 1e-6  # of the largest tension: less is slack
-MANY_CABLES = 3  # more than these are drawn thinner
+MANY_ROUTES = 3  # more than these are drawn thinner
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class TwinScenes:
 def twin_scenes(view: TwinView) -> TwinScenes:
     """The twin at rest in the colours of its materials, and bent in those of the displacement from rest.
 
-    Slack cables are grey if any cable is taut.
+    Cables, and other actuators with a route, are grey without an effort if any of their kind has one.
     """
     moved = displacements(view.rest, view.bent)
     largest = max(float(values.max()) for values in moved.values())
@@ -74,9 +79,9 @@ def displacements(rest: Snapshot, bent: Snapshot) -> dict[str, Floats]:
     return moved | {rod: np.linalg.norm(nodes - rest.rods[rod], axis=1) for rod, nodes in bent.rods.items()}
 
 
-def cable_radius(robot: Robot, size: float) -> float:
-    """Drawn radius [m] of cables for a robot of that size [m]."""
-    return (0.007 if len(robot.cables) <= MANY_CABLES else 0.0035) * size
+def route_radius(robot: Robot, size: float) -> float:
+    """Drawn radius [m] of the routes of actuators for a robot of that size [m]."""
+    return (0.007 if len(routed(robot)) <= MANY_ROUTES else 0.0035) * size
 
 
 def twin_parts(
@@ -97,7 +102,7 @@ def twin_parts(
     most
         Triangles of a body for which its surface is coarser; see `fine_surface`.
     """
-    from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, PURPLE, SKY
+    from softcal.report.style import BLUE, LOOP, MUTED, SKY
 
     robot = view.robot
     size = length_scale(robot_points(robot))
@@ -109,8 +114,7 @@ def twin_parts(
         for material, faces in ({"": boundary(tets)} if d is not None else material_faces(body, tets)).items():
             fine = fine_surface(faces, most)
             at = fine.at(snapshot.points[body.name])
-            n, walls = int(tets.max()) + 1, chamber_faces(robot, body)
-            is_wall = fine.by_triangle(np.isin(face_keys(faces, n), face_keys(walls, n)))
+            is_wall = fine.by_triangle(on_walls(faces, body.name, view.walls))
             is_fixed = ~is_wall & fine.by_triangle(np.asarray(np.isin(faces[:, :3], body.fixed).all(axis=1)))
             hides = is_wall.any() or (material == body.name and len(body.materials) > 1)
             look = colours[material] if d is None else _shades(fine.at(d), largest)
@@ -119,25 +123,24 @@ def twin_parts(
                 for chosen, colour, opacity in (
                     (~is_fixed & ~is_wall, look, AROUND if hides else 1.0),
                     (is_fixed, MUTED, AROUND if hides else 1.0),
-                    (is_wall, PURPLE, 1.0),
+                    (is_wall, WALL, 1.0),
                 )
                 if chosen.any()
             ]
-    labels: list[Label] = []
+    labels = wall_labels(view.walls, snapshot.points)
     for rod in robot.rods:
         look = rod_colours(rod, colours) if moved is None else _shades(moved[rod.name], largest)
         parts.append(rod_tube(rod, snapshot.rods[rod.name], look))
-    strongest = max(snapshot.tensions.values(), default=0.0)
-    radius = cable_radius(robot, size)
-    pulled = {name for name, tension in view.bent.tensions.items() if tension > 0.0} or set(snapshot.cables)
-    for cable in robot.cables:
-        path = snapshot.cables[cable.name]
-        slack = strongest > 0.0 and snapshot.tensions.get(cable.name, strongest) <= TAUT * strongest
-        colour = LOOP if slack else ORANGE
+    radius, lines = route_radius(robot, size), routed(robot)
+    shares = effort_shares(lines, snapshot.efforts)
+    pulled = {part.name for part in lines if view.bent.efforts.get(part.name)} or set(snapshot.routes)
+    for part in lines:
+        path, slack = snapshot.routes[part.name], shares.get(part.name, 1.0) <= NO_EFFORT
+        colour = LOOP if slack else ROUTE
         parts.append(Tube(path, 0.5 * radius if slack else radius, colour=colour))
-        parts += [Ball(path[k], 2 * radius, colour=colour) for k in balls(robot, cable)]
-        if not slack and (cable.name in pulled or len(robot.cables) <= MANY_CABLES):
-            labels.append(Label(cable.name, refined(path)))
+        parts += [Ball(path[k], 2 * radius, colour=colour) for k in balls(robot, part)]
+        if not slack and (part.name in pulled or len(lines) <= MANY_ROUTES):
+            labels.append(Label(name_of(robot, part), refined(path)))
     for plate in robot.plates:
         if plate.name not in snapshot.plates:
             continue

@@ -64,13 +64,9 @@ def drawn(view: TwinView, shapes: Sequence[Snapshot], most: int | None = None) -
 
     moved = displacements(view.rest, view.bent)
     # A cable that is taut in one of them is drawn as taut in all.
-    taut = {name: max(one.tensions[name] for one in shapes) for name in view.rest.tensions}
+    taut = {name: max(abs(one.efforts[name]) for one in shapes) for name in view.rest.efforts}
     parts = [
-        [
-            one
-            for part in twin_parts(view, replace(shape, tensions=taut), moved, 1.0, most)[0]
-            for one in _elements(part)
-        ]
+        [one for part in twin_parts(view, replace(shape, efforts=taut), moved, 1.0, most)[0] for one in _elements(part)]
         for shape in (view.rest, *shapes)
     ]
     rest, *points = np.array([np.concatenate([at for _, at in elements]) for elements in parts])

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 from softcal.checks import Ints, frozen_ints
 from softcal.errors import Fault, InputError
+from softcal.mechanics.elements import ELEMENTS
+from softcal.twin.loads import walls
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
 
@@ -42,6 +45,12 @@ class TwinView:
     crossings: str = ""
     drawn_out: str = ""
     remarks: str = ""
+
+    @cached_property
+    def walls(self) -> dict[str, dict[str, Ints]]:
+        """Actuator -> body -> faces (n, 3 or 6) of the shapes that it acts on."""
+        of = {body for part in self.robot.actuators for body in part.surfaces}
+        return walls(self.robot, {b.name: ELEMENTS[b.element].mesh(b.mesh) for b in self.robot.bodies if b.name in of})
 
     def __post_init__(self) -> None:
         tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}

@@ -23,6 +23,7 @@ from softcal.twin.part import NamedPart
 
 if TYPE_CHECKING:
     from softcal.mechanics.actuator import ActuatorTerm
+    from softcal.twin.cables import ViaPoint
 
 
 class Numbering(Protocol):
@@ -77,12 +78,22 @@ class Numbering(Protocol):
 
 
 class ActuatedPart(NamedPart, ABC):
-    """A part that drives the robot: a cable, or a named actuator."""
+    """A part that drives the robot: a cable, or a named actuator. Pictures draw its route and its surfaces."""
 
     @property
     @abstractmethod
-    def noun(self) -> str:
-        """What it is in words, such as "cable" or "chamber"."""
+    def kind(self) -> str:
+        """What it is, such as cable or chamber."""
+
+    @property
+    @abstractmethod
+    def route(self) -> tuple[ViaPoint, ...]:
+        """The points that it runs through; none where it is no line."""
+
+    @property
+    def surfaces(self) -> Mapping[str, Ints | str]:
+        """Body -> the part of its surface that it acts on: faces (n, 3 or 6) of its mesh, or a region's name."""
+        return {}
 
     @property
     @abstractmethod
@@ -115,6 +126,26 @@ class ActuatedPart(NamedPart, ABC):
         kind = self.controls[control]
         faults = (kind.fault(float(end), where) for end in (values.min(), values.max()))
         return next((fault for fault in faults if fault is not None), None)
+
+
+def effort_shares(
+    parts: Iterable[ActuatedPart], efforts: Mapping[str, float], *others: Mapping[str, float]
+) -> dict[str, float]:
+    """Actuator -> its effort over the largest of its kind [-], of those of a kind of which one has an effort.
+
+    Parameters
+    ----------
+    parts
+        The actuators.
+    efforts, others
+        Actuator -> its effort [SI]; in other states, of which the largest may be.
+    """
+    known = [part for part in parts if part.name in efforts]
+    largest: dict[str, float] = {}
+    for part in known:
+        each = (abs(one.get(part.name, 0.0)) for one in (efforts, *others))
+        largest[part.kind] = max(largest.get(part.kind, 0.0), *each)
+    return {part.name: abs(efforts[part.name]) / most for part in known if (most := largest[part.kind]) > 0.0}
 
 
 @displayed
@@ -172,6 +203,11 @@ class Actuator(Declared, ABC):
         return replace(cast("Any", self), **values)
 
     @property
+    def route(self) -> tuple[ViaPoint, ...]:
+        """The points that it runs through, on what carries them, as it is drawn; none where it is no line."""
+        return ()
+
+    @property
     def surfaces(self) -> Mapping[str, Ints | str]:
         """Body -> the part of its surface that it acts on: faces (n, 3 or 6) of its mesh, or a region's name."""
         return {}
@@ -189,8 +225,16 @@ class NamedActuator(ActuatedPart):
     actuator: Actuator
 
     @property
-    def noun(self) -> str:
+    def kind(self) -> str:
         return self.actuator.name
+
+    @property
+    def route(self) -> tuple[ViaPoint, ...]:
+        return self.actuator.route
+
+    @property
+    def surfaces(self) -> Mapping[str, Ints | str]:
+        return self.actuator.surfaces
 
     @property
     def channels(self) -> tuple[ChannelKind, ChannelKind]:

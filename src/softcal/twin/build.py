@@ -29,6 +29,7 @@ from softcal.mechanics.system import System, build_system
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import NamedSensor
+from softcal.twin.actuated import ActuatedPart
 from softcal.twin.channels import channels_of, require_sensors, sensors_of
 from softcal.twin.clearance import RobotSurface, build_surface
 from softcal.twin.contacts import build_contacts, disc_skin
@@ -42,6 +43,7 @@ from softcal.twin.loads import (
     faces_in_use,
     points_of_forces,
     surface_forces,
+    walls,
 )
 from softcal.twin.markers import MarkerPlace, directions_in
 from softcal.twin.nearby_twins import neighbours_of
@@ -60,7 +62,7 @@ class Twin:
     first_point : Body or rod (and plate, where surfaces may touch) -> the number of its first point
     meshes : Body -> the mesh of its element [m]
     frame : Plate -> the number of its frame
-    via : Cable -> its via points as weighted points
+    routes : Cable, or other actuator with a route -> its via points as weighted points
     markers : Marker -> its place on its part
     pressure_nodes
         Material of a mixed body -> the number of its first pressure, the body, and the numbers of the nodes (n,) that
@@ -72,7 +74,7 @@ class Twin:
     first_point: dict[str, int]
     meshes: dict[str, TetMesh]
     frame: dict[str, int]
-    via: dict[str, list[Weights]]
+    routes: dict[str, list[Weights]]
     markers: dict[str, MarkerPlace]
     pressure_nodes: dict[str, tuple[int, str, Ints]]
 
@@ -94,6 +96,16 @@ class Twin:
     def kept(self) -> KeptPaths:
         """The nodes of its load paths so far."""
         return KeptPaths()
+
+    @cached_property
+    def tets(self) -> dict[str, Ints]:
+        """Body -> connectivity (n_tets, 4 or 10) of the mesh of its element."""
+        return {name: mesh.tets for name, mesh in self.meshes.items()}
+
+    @cached_property
+    def walls(self) -> dict[str, dict[str, Ints]]:
+        """Actuator -> body -> faces (n, 3 or 6) of that mesh which it acts on."""
+        return walls(self.robot, self.meshes)
 
     @cached_property
     def skins(self) -> Skins | None:
@@ -222,13 +234,18 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
             held = attach_ball(meshes[on], at, radius, where=where)
         return [(builder.first[on] + int(n), float(w)) for n, w in zip(held.nodes, held.weights, strict=True)]
 
-    via = {
-        cable.name: [
-            support(p.at, p.on, f"{cable.name}, via point {i + 1}", radius=p.radius, drawn=p.at - p.offset)
-            for i, p in enumerate(cable.via_points)
-        ]
-        for cable in robot.cables
-    }
+    def routed(parts: Sequence[ActuatedPart]) -> dict[str, list[Weights]]:
+        """The via points of those that have a route."""
+        return {
+            part.name: [
+                support(p.at, p.on, f"{part.name}, via point {i + 1}", radius=p.radius, drawn=p.at - p.offset)
+                for i, p in enumerate(part.route)
+            ]
+            for part in parts
+            if part.route
+        }
+
+    via = routed(robot.cables)
 
     def beside(at: Floats, on: str, way: Floats, size: float, drawn: Floats) -> Weights:
         """The rate of a point of a plate, a rod or space that is moved along a way (3,), on what carries it: the
@@ -288,6 +305,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
 
     places = _Numbering(builder, given, meshes, support, [cable.name for cable in robot.cables])
     others = tuple(part.actuator.term(part.name, places) for part in robot.actuators)
+    routes = via | routed(robot.actuators)
     if robot.contact is not None:
         for plate in robot.plates:
             if plate.disc is not None:
@@ -320,7 +338,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         first_point=builder.first,
         meshes=meshes,
         frame=frames.of_plate,
-        via=via,
+        routes=routes,
         markers=markers,
         pressure_nodes=pressure_nodes,
     )

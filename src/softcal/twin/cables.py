@@ -313,8 +313,12 @@ class Cable(ActuatedPart):
             )
 
     @property
-    def noun(self) -> str:
+    def kind(self) -> str:
         return "cable"
+
+    @property
+    def route(self) -> tuple[ViaPoint, ...]:
+        return self.via_points
 
     @property
     def channels(self) -> tuple[ChannelKind, ChannelKind]:

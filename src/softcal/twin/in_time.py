@@ -219,7 +219,8 @@ class _Motion:
             crossings=crossings.strip(),
             n_factorisations=dynamics.n_factorisations,
             snapshots=tuple(self.shapes),
-            tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if self.shapes else {},
+            tets=self.twin.tets if self.shapes else {},
+            walls=self.twin.walls if self.shapes else {},
             stopped_by=self.stopped_by,
         )
 
@@ -253,7 +254,7 @@ class _Motion:
     def _shape(self, now: Instant) -> Snapshot:
         if self.twin.skins is not None:
             self.crossed.append((f"{now.time:.4g} s", self.twin.skins.crossings(now.state.x)))
-        return snapshot(self.twin, now.state, self.schedule.at(now.time), now.time, "s")
+        return snapshot(self.twin, now.state, self.theta, self.schedule.at(now.time), now.time, "s")
 
     def _speed(self, now: Instant) -> float:
         """Speed of the watched points [m/s]."""

@@ -712,7 +712,7 @@ class _Place(_InOneProcess):
         )
 
     def shape(self, commands: Mapping[str, float]) -> Snapshot:
-        return snapshot(self.twin, self.state, dict(commands), 0.0, "")
+        return snapshot(self.twin, self.state, self._steps.statics.theta, dict(commands), 0.0, "")
 
     def crossed(self) -> str:
         skins, x = self.twin.skins, self.state.x

@@ -1,4 +1,6 @@
-"""The dead loads of a robot: weight, forces at points, tractions on faces; moments on plates and rods."""
+"""The dead loads of a robot: weight, forces at points, tractions on faces; moments on plates and rods. And the faces
+that actuators act on.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +13,7 @@ from softcal.errors import MeshError, unknown
 from softcal.geometry.cell import LINEAR
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
+from softcal.geometry.regions import Named, select_faces
 from softcal.geometry.surface import matching_faces
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.layout import Layout
@@ -63,6 +66,26 @@ def surface_forces(
         for node, share in zip(face, mesh.cell.face_shares, strict=True)
         if share != 0.0
     ]
+
+
+def walls(robot: Robot, meshes: Mapping[str, TetMesh]) -> dict[str, dict[str, Ints]]:
+    """Actuator -> body -> faces (n, 3 or 6) of its mesh that it acts on, of those that act on surfaces.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    meshes
+        Body -> the mesh in use, its own or that of its element.
+    """
+    own = {body.name: body.mesh for body in robot.bodies}
+    found: dict[str, dict[str, Ints]] = {}
+    for part in robot.actuators:
+        for body, faces in part.surfaces.items():
+            where = f"{part.name} on {body}"
+            given = select_faces(own[body], Named(faces), where=where) if isinstance(faces, str) else faces
+            found.setdefault(part.name, {})[body] = faces_in_use(own[body], meshes[body], given, where=where)
+    return found
 
 
 def faces_in_use(given: TetMesh, used: TetMesh, faces: Ints, *, where: str) -> Ints:

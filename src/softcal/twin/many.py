@@ -133,7 +133,7 @@ def simulate_many(
                 commanded_rates[part] = np.array([own.get(label, 0.0) for label in labels])
             rates.append(sense_rates(twin, state, statics.theta, dz, by, commanded_rates))
             if snapshots:
-                shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
+                shapes.append(snapshot(twin, state, statics.theta, protocol.at(i), i + 1, ""))
     except SimulationError as error:
         failed[0] = str(error)
     except KeyboardInterrupt as stop:
@@ -174,7 +174,8 @@ def simulate_many(
         n_factorisations=statics.n_factorisations,
         sensitivities=Derivatives(tuple(units), tuple(labels), by_parameter),
         snapshots=tuple(shapes),
-        tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
+        tets=twin.tets if snapshots else {},
+        walls=twin.walls if snapshots else {},
         samples=tuple(solved) if failed or stopped is not None else None,
         stopped_by=stopped,
     )

@@ -65,7 +65,7 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
         snapshots=tuple(
             replace(
                 shape,
-                tensions={cable: s * tension for cable, tension in shape.tensions.items()},
+                efforts={name: s * effort for name, effort in shape.efforts.items()},
                 pressures={material: s * pressure for material, pressure in shape.pressures.items()},
             )
             for shape in response.snapshots

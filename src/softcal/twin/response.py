@@ -21,7 +21,7 @@ Shown = bool | Literal["samples"]
 @displayed
 @dataclass(frozen=True)
 class Snapshot(ReadOnly):
-    """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses.
+    """A solved shape to draw: positions of every body's mesh points, routes of actuators, plate poses.
 
     Attributes
     ----------
@@ -29,16 +29,15 @@ class Snapshot(ReadOnly):
         Text of the sample, control or time.
     points
         Body -> positions (n_points, 3) [m] of the points of the element's own mesh.
-    cables
-        Cable -> its via points (n_via, 3) [m].
+    routes
+        Cable, or other actuator with a route -> its via points (n_via, 3) [m].
     plates
         Plate -> position (3,) [m] and rotation (3, 3) [-].
     controls
-        Actuator -> commanded tension [N] or shortening [m].
-    tensions
-        Cable -> tension [N].
-    efforts
-        Every other actuator -> its effort [SI], of a chamber its pressure [Pa].
+        Actuator -> its command, a coordinate or an effort [SI].
+    efforts, coordinates
+        Actuator -> its effort and coordinate [SI]: tension and shortening of a cable (of a slack one that of its way),
+        pressure and volume of a chamber, torque and angle of a drive.
     rods
         Rod -> positions of its nodes (n_nodes, 3) [m].
     pressures
@@ -46,19 +45,19 @@ class Snapshot(ReadOnly):
     markers
         Marker -> position (3,) [m].
     drive, drive_unit
-        Place in an animation: shortening [m] or tension [N] of the one driven actuator, or time [s]; with several
-        driven actuators the number of the sample, from 1, in the unit "".
+        Place in an animation: coordinate or effort of the one driven actuator, or time [s]; with several driven
+        actuators the number of the sample, from 1, in the unit "".
     rod_strains
         Rod -> root mean square over its elements of stretch and shear [-].
     """
 
     label: str
     points: Mapping[str, Floats]
-    cables: Mapping[str, Floats]
+    routes: Mapping[str, Floats]
     plates: Mapping[str, tuple[Floats, Floats]]
     controls: Mapping[str, float]
-    tensions: Mapping[str, float] = field(default_factory=dict)
     efforts: Mapping[str, float] = field(default_factory=dict)
+    coordinates: Mapping[str, float] = field(default_factory=dict)
     rods: Mapping[str, Floats] = field(default_factory=dict)
     pressures: Mapping[str, Floats] = field(default_factory=dict)
     markers: Mapping[str, Floats] = field(default_factory=dict)
@@ -146,6 +145,8 @@ class Response(ReadOnly):
         Shapes to draw.
     tets
         Body -> connectivity (n_tets, 4 or 10) of `Snapshot.points`.
+    walls
+        Actuator -> body -> faces (n, 3 or 6) of these that it acts on, such as the wall of a chamber.
     instabilities
         Sentences on snap-through or buckling along the load path, or "".
     crossings
@@ -171,6 +172,7 @@ class Response(ReadOnly):
     slopes: Mapping[str, Floats] = field(default_factory=dict)
     snapshots: tuple[Snapshot, ...] = ()
     tets: Mapping[str, Ints] = field(default_factory=dict)
+    walls: Mapping[str, Mapping[str, Ints]] = field(default_factory=dict)
     instabilities: str = ""
     crossings: str = ""
     drawn_out: str = ""

@@ -450,7 +450,7 @@ class Robot(Checked):
             require_wires(self.rods)
 
     def plot_shape(self, *, ax: Axes | None = None) -> Axes:
-        """The robot at rest, with its regions, cables and loads.
+        """The robot at rest, with its regions, actuators and loads.
 
         Parameters
         ----------

@@ -16,6 +16,7 @@ from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.statics import Statics
+from softcal.mechanics.term import Theta
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.protocol import Command, Protocol, controls_at
@@ -121,7 +122,7 @@ def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
     return Start(reached.state, start.snaps or reached.snaps)
 
 
-def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:
+def snapshot(twin: Twin, state: State, theta: Theta, controls: dict[str, float], drive: float, unit: str) -> Snapshot:
     """The shape of a state, to draw.
 
     Parameters
@@ -130,8 +131,10 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
         The twin.
     state
         The state.
+    theta
+        Parameter values [SI] by dotted name.
     controls
-        Actuator -> its command [m; N].
+        Actuator -> its command [SI].
     drive
         Place in an animation, see `Snapshot`.
     unit
@@ -148,14 +151,14 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
     def place(weights: Weights) -> Floats:
         return sum((w * state.x[p] for p, w in weights), np.zeros(3))
 
-    cables = {name: np.array([place(weights) for weights in via]) for name, via in twin.via.items()}
+    routes = {name: np.array([place(weights) for weights in via]) for name, via in twin.routes.items()}
     plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
     still = np.zeros(3), np.eye(3)
     markers = {
         name: marker.position(state.x, plates.get(marker.marker.on, still)[1]) for name, marker in twin.markers.items()
     }
-    tensions = {cable.name: float(state.effort[i]) for i, cable in enumerate(robot.cables)}
-    efforts = {part.name: float(state.effort[twin.system.number(part.name)]) for part in robot.actuators}
+    numbers = {part.name: twin.system.number(part.name) for part in robot.actuated}
+    coordinates = twin.system.coordinates(state, theta)
     pressures: dict[str, Floats] = {}
     for name, (first, body, nodes) in twin.pressure_nodes.items():
         pressures[name] = np.zeros(twin.meshes[body].n_points)
@@ -169,11 +172,11 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
     return Snapshot(
         label=format_quantity(drive, unit, digits=6 if unit == "s" else 4) if unit else sample,
         points=points,
-        cables=cables,
+        routes=routes,
         plates=plates,
         controls=controls,
-        tensions=tensions,
-        efforts=efforts,
+        efforts={name: float(state.effort[i]) for name, i in numbers.items()},
+        coordinates={name: float(coordinates[i]) for name, i in numbers.items()},
         rods=rods,
         pressures=pressures,
         markers=markers,

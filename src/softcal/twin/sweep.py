@@ -35,7 +35,9 @@ class Sweep:
                 path, none = Path((start,), True), np.zeros(protocol.n_samples)
                 values, slopes, by_parameter = along.curve(path.nodes).at(none)
                 numbers = range(1, protocol.n_samples + 1) if self.snapshots == "samples" else (0,)
-                shapes = [snapshot(along.twin, start.state, {}, k, "") for k in numbers if self.snapshots]
+                shapes = [
+                    snapshot(along.twin, start.state, along.statics.theta, {}, k, "") for k in numbers if self.snapshots
+                ]
                 samples = Samples(
                     path=path,
                     c=none,
@@ -85,7 +87,8 @@ class Sweep:
         return [self._shape(node, node.c if is_coordinate else float(node.state.effort[i]), unit) for node in nodes]
 
     def _shape(self, node: Node, command: float, unit: str) -> Snapshot:
-        return snapshot(self.along.twin, node.state, {self.along.actuator or "": command}, command, unit)
+        along = self.along
+        return snapshot(along.twin, node.state, along.statics.theta, {along.actuator or "": command}, command, unit)
 
     def _response(self, samples: Samples, shapes: list[Snapshot]) -> Response:
         along, units, path = self.along, self.along.units, samples.path
@@ -109,6 +112,7 @@ class Sweep:
             sensitivities=Derivatives(tuple(units), along.names, samples.by_parameter),
             slopes=by_column(units, samples.slopes),
             snapshots=tuple(shapes),
-            tets={name: mesh.tets for name, mesh in along.twin.meshes.items()} if shapes else {},
+            tets=along.twin.tets if shapes else {},
+            walls=along.twin.walls if shapes else {},
             stopped_by=path.stopped_by,
         )

@@ -81,7 +81,7 @@ def commanded(robot: Robot, table: Path) -> Protocol:
     twice = {one.carrier for one in given if sum(other.carrier == one.carrier for other in given) > 1}
     parts = {part.name: part for part in robot.actuated}
     faults = [
-        Fault(f"the {parts[name].noun} has two commands", str(table), name, " or ".join([*parts[name].controls][::-1]))
+        Fault(f"the {parts[name].kind} has two commands", str(table), name, " or ".join([*parts[name].controls][::-1]))
         for name in sorted(twice)
     ]
     if not given:
@@ -116,7 +116,7 @@ def parse_pulls(robot: Robot, texts: Sequence[str], option: str = "--pull") -> P
         at once.
     """
     commands = dict(Protocol({}).commands)
-    nouns = {part.name: part.noun for part in robot.actuated}
+    nouns = {part.name: part.kind for part in robot.actuated}
     faults: list[Fault] = []
     for text in texts:
         try:
@@ -137,7 +137,7 @@ def _parsed(robot: Robot, text: str, option: str) -> tuple[str, Control, float]:
     if name.endswith(HANGING):
         hung = next((part for part in robot.actuators if part.name == name.removesuffix(HANGING)), None)
         if hung is not None:
-            what, allowed = f"a mass hangs from a cable, and this is a {hung.noun}", " or ".join([*hung.controls][::-1])
+            what, allowed = f"a mass hangs from a cable, and this is a {hung.kind}", " or ".join([*hung.controls][::-1])
             raise InputError(Fault(what, option, f"'{text}'", allowed))
         mass = QUANTITIES["mass"].read(value, where=f"{option} {text}")
         gravity = float(np.linalg.norm(robot.gravity))
@@ -156,7 +156,7 @@ def _parsed(robot: Robot, text: str, option: str) -> tuple[str, Control, float]:
             continue
     # One of each kind that the robot has, by the name of its first.
     examples: list[str] = []
-    for noun, part in {part.noun: part for part in robot.commandable[::-1]}.items():
+    for noun, part in {part.kind: part for part in robot.commandable[::-1]}.items():
         coordinate, effort = part.channels
         if part in robot.cables:
             units, more = "length or force", f"=2kgf; a mass hangs by {part.name}{HANGING}=2kg"

@@ -20,8 +20,8 @@ from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.chamber import ChamberTerm
 from softcal.project.project import Project, ProjectSource, project_of
-from softcal.sensing.channel import TIME, ChannelName
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.report.format import channel_scale
+from softcal.sensing.channel import TIME, channel_name, driven_pair
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
 from softcal.twin.material import Material
@@ -296,11 +296,11 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
     """A warning if no modulus within the bounds can reproduce the measured stiffness, as with kN taken for N."""
     experiment = project.experiments[name]
     data = experiment.dataset
-    if not {"tension", "shortening"} <= data.channels.keys() or data.n_samples < 3 or not response.succeeded:
+    pair = driven_pair(data.channels)
+    if pair is None or data.n_samples < 3 or not response.succeeded:
         return ""
-    pulled, tension = (response.channels[str(ChannelName(kind, experiment.cable))] for kind in (SHORTENING, TENSION))
-    measured = _slope(data.values("shortening"), data.values("tension"))
-    simulated = _slope(pulled, tension)
+    measured = _slope(*(data.values(channel) for channel in pair))
+    simulated = _slope(*(response.channels[str(experiment.twin_channel(channel))] for channel in pair))
     if not simulated > 0:
         return ""
     # Factors by which the free moduli can soften and stiffen the twin.
@@ -315,12 +315,15 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
     ratio = measured / simulated
     if low / STIFFNESS_MARGIN <= ratio <= high * STIFFNESS_MARGIN:
         return ""
+    kinds = [channel_name(channel).kind for channel in pair]
+    coordinate, effort = (channel_scale(kind.unit) for kind in kinds)
+    unit, factor = f"{effort.unit}/{coordinate.unit}", effort.factor / coordinate.factor
     return str(
         Fault(
             f"{name}: the measured stiffness is implausible compared with the twin's",
-            got=f"{measured / 1e3:.4g} N/mm, {ratio:.3g} times the twin's {simulated / 1e3:.4g} N/mm",
+            got=f"{measured / factor:.4g} {unit}, {ratio:.3g} times the twin's {simulated / factor:.4g} {unit}",
             allowed=f"{low / STIFFNESS_MARGIN:.3g} to {high * STIFFNESS_MARGIN:.3g} times, by the bounds of the moduli",
-            attempt="check the units of force and displacement (kN, cm), and the size of the mesh",
+            attempt=f"check the units ({' or '.join(kind.mistake for kind in kinds)}), and the size of the mesh",
         )
     )
 

@@ -15,8 +15,10 @@ from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, ParameterError, SimulationError, unknown
 from softcal.limits import LIMITS
+from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.path_watch import path_watch
 from softcal.project.project import Project, ProjectSource, project_of
+from softcal.twin.actuated import effort_shares
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol, let_go_faults
 from softcal.twin.response import Response, Shown, Snapshot
@@ -290,28 +292,39 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
-    at_rest, furthest = (replace(shape, label=_title(robot, shape)) for shape in (rest, bent))
+    at_rest, furthest = (replace(shape, label=_title(robot, shape, shapes)) for shape in (rest, bent))
     sentences = (response.instabilities, response.crossings, response.drawn_out, response.remarks)
     return TwinView(robot, at_rest, furthest, response.tets, *sentences)
 
 
-def _title(robot: Robot, shape: Snapshot) -> str:
-    """Title of a shape: the taut cables with their tensions, and the efforts of other actuators."""
-    others = [f"{name}: {effort}" for name, effort in efforts_shown(robot, shape).items()]
-    largest = max(shape.tensions.values(), default=0.0)
-    pulled = [name for name, tension in shape.tensions.items() if tension > 1e-6 * largest]
-    if largest <= 0.0 and not others:
-        return "At rest"
-    if len(pulled) > 2:
-        return ", ".join([f"{len(pulled)} cables pulled, by up to {format_quantity(largest, 'N')}", *others])
-    each = [f"{name}: {format_quantity(shape.tensions[name], 'N')}" for name in pulled if largest > 0.0]
-    return ", ".join([*each, *others])
+def _title(robot: Robot, shape: Snapshot, shapes: Sequence[Snapshot]) -> str:
+    """Title of one of some shapes: the efforts of its actuators, of many of a kind the largest."""
+    kinds, shown = {part.name: part.kind for part in robot.commandable}, efforts_shown(robot, shape, shapes)
+    told: list[str] = []
+    for kind in dict.fromkeys(kinds.values()):
+        own = [name for name in shown if kinds[name] == kind]
+        few = [f"{name}: {shown[name]}" for name in own]
+        told += few if len(own) <= 2 else [f"{len(own)} {kind}s, up to {shown[own[0]]}"]
+    return ", ".join(told) or "At rest"
 
 
-def efforts_shown(robot: Robot, shape: Snapshot) -> dict[str, str]:
-    """The efforts of the actuators but cables in a shape, such as "20 kPa", without those that are zero."""
-    units = {part.name: part.channels[1].unit for part in robot.actuators}
-    return {name: format_quantity(value, units[name]) for name, value in shape.efforts.items() if value}
+def efforts_shown(robot: Robot, shape: Snapshot, shapes: Sequence[Snapshot] = ()) -> dict[str, str]:
+    """The efforts in a shape of what has commands, such as "20 kPa", largest first of each kind of actuator, without
+    those that are none.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    shape
+        The shape.
+    shapes
+        Others, beside whose efforts one may be none.
+    """
+    shares = effort_shares(robot.commandable, shape.efforts, *(one.efforts for one in shapes))
+    shown = [name for name in sorted(shares, key=lambda name: -shares[name]) if shares[name] > NO_EFFORT]
+    units = {part.name: part.channels[1].unit for part in robot.commandable}
+    return {name: format_quantity(shape.efforts[name], units[name]) for name in shown}
 
 
 def turning_angle(rotation: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:

@@ -84,8 +84,8 @@ def start_states(
     """
     project = at_start_values(project)
     twin = twin_of(project.robot)
-    undeformed = snapshot(twin, rest_state(twin.system.layout), {}, 0.0, "")
     theta = parameter_values(project.robot)
+    undeformed = snapshot(twin, rest_state(twin.system.layout), theta, {}, 0.0, "")
     rows: list[tuple[str, str]] = []
     warnings: list[str] = []
     shapes: dict[str, Snapshot] = {}
@@ -103,7 +103,7 @@ def start_states(
             return StartStates(tuple(rows), tuple(warnings), {}, undeformed)
         shapes["Under its loads"] = response.snapshots[0]
         text, far = _moved(undeformed, response.snapshots[0])
-        tensions = {name: response.snapshots[0].tensions[name] for name in pretensioned}
+        tensions = {name: response.snapshots[0].efforts[name] for name in pretensioned}
         left = [f"{name} {format_quantity(tension, 'N')}" for name, tension in tensions.items()]
         rows.append(("under its loads", "; ".join([text, *([", ".join(left)] if left else [])])))
         warnings += [
@@ -136,10 +136,8 @@ def start_states(
             raise response.stopped_by
         if response.succeeded and response.snapshots:
             shape = response.snapshots[-1]
-            tensions = sorted(shape.tensions.items(), key=lambda pair: -pair[1])
-            taut = [f"{cable} {format_quantity(tension, 'N')}" for cable, tension in tensions if tension > 0.0]
-            taut += [f"{name} {effort}" for name, effort in efforts_shown(project.robot, shape).items()]
-            shapes[f"{name}\n{', '.join(taut[:2])}{' …' if len(taut) > 2 else ''}".strip()] = shape
+            driven = [f"{part} {effort}" for part, effort in efforts_shown(project.robot, shape).items()]
+            shapes[f"{name}\n{', '.join(driven[:2])}{' …' if len(driven) > 2 else ''}".strip()] = shape
     tets = {name: mesh.tets for name, mesh in twin.meshes.items()}
     return StartStates(tuple(rows), tuple(warnings), responses, undeformed, shapes, tets)
 
@@ -166,20 +164,20 @@ def _end_summary(experiment: Experiment, response: Response, undeformed: Snapsho
     warnings = list(response.warnings)
     parts: list[str] = []
     for channel in experiment.drives:
-        cable, kind = experiment.twin_channel(channel).carrier, experiment.twin_channel(channel).kind
+        name, kind = experiment.twin_channel(channel).carrier, experiment.twin_channel(channel).kind
         kinds = of_actuator(kind)
-        pulled, tension = (response.channels[str(ChannelName(one, cable))] for one in kinds)
-        last = int(np.argmax(np.abs(pulled)))
-        ends = zip((pulled, tension), kinds, strict=True)
-        parts.append(f"{cable} {', '.join(format_quantity(float(of[last]), one.unit) for of, one in ends)}")
-        slack = tension <= NO_EFFORT * tension.max()
+        coordinate, effort = (response.channels[str(ChannelName(one, name))] for one in kinds)
+        last = int(np.argmax(np.abs(coordinate)))
+        ends = zip((coordinate, effort), kinds, strict=True)
+        parts.append(f"{name} {', '.join(format_quantity(float(of[last]), one.unit) for of, one in ends)}")
+        slack = effort <= NO_EFFORT * effort.max()
         if kind == SHORTENING and np.count_nonzero(slack) > 1:
-            begin = float(pulled.min())
-            travel = f"{1e3 * (pulled[slack].max() - begin):.3g} of {1e3 * np.ptp(pulled):.3g} mm"
+            begin = float(coordinate.min())
+            travel = f"{1e3 * (coordinate[slack].max() - begin):.3g} of {1e3 * np.ptp(coordinate):.3g} mm"
             parts.append(f"slack for the first {travel}")
-            if pulled[slack].max() > SLACK * pulled.max():
+            if coordinate[slack].max() > SLACK * coordinate.max():
                 warnings.append(
-                    f"{cable} is slack for the first {travel} of the test: the loads bend the robot towards it, so "
+                    f"{name} is slack for the first {travel} of the test: the loads bend the robot towards it, so "
                     "that the test has little information on the rest; check gravity and the slack of the rig"
                 )
     if response.snapshots:

@@ -50,9 +50,8 @@ def twin_frame(view: TwinView, response: Response) -> TwinFrame | None:
     places, control = np.array([one.drive for one in shapes]), controls.get(first.drive_unit, "")
     if not control or np.any(np.diff(places) <= 0.0):  # of several actuators, or to and fro
         places, control = np.arange(1.0, len(shapes) + 1.0), ""
-    each = [{**one.tensions, **one.efforts} for one in shapes]
     channels = {
-        f"{name}.{parts[name].channels[1].name}": np.array([one.get(name, 0.0) for one in each]) for name in pulled
+        f"{name}.{parts[name].channels[1].name}": np.array([one.efforts[name] for one in shapes]) for name in pulled
     }
     efforts = [*channels]
     for plate in view.robot.plates:

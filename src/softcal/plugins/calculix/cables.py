@@ -51,8 +51,9 @@ def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int)
     nodes: list[str] = []
     springs: list[str] = []
     equations: list[str] = []
-    for name, via in twin.via.items():
-        tensions = [shape.tensions.get(name, 0.0) for shape in shapes]
+    for cable in twin.robot.cables:
+        name, via = cable.name, twin.routes[cable.name]
+        tensions = [shape.efforts.get(name, 0.0) for shape in shapes]
         segments = [(i, i + 1) for i, pair in enumerate(pairwise(via)) if _is_spring(twin, pair)]
         if not any(tensions) or not segments:
             continue
@@ -81,9 +82,9 @@ def dead_pulls(twin: Twin, shape: Snapshot) -> Floats:
     """Forces at a shape (n_points, 3) [N] of the segments that are not springs."""
     cables, n_points = cables_of(twin.system), twin.system.layout.n_points
     pulls = [
-        0.0 if _is_spring(twin, pair) else shape.tensions.get(name, 0.0)
-        for name, via in twin.via.items()
-        for pair in pairwise(via)
+        0.0 if _is_spring(twin, pair) else shape.efforts.get(cable.name, 0.0)
+        for cable in twin.robot.cables
+        for pair in pairwise(twin.routes[cable.name])
     ]
     if not any(pulls):
         return np.zeros((n_points, 3))

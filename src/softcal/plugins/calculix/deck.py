@@ -35,7 +35,7 @@ from softcal.plugins.calculix.format import (
     set_name,
     weighted_sum,
 )
-from softcal.plugins.calculix.load_path import efforts, load_path
+from softcal.plugins.calculix.load_path import load_path
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.actuators.drive import Drive
 from softcal.twin.build import Twin, build_twin
@@ -223,7 +223,7 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")
     units = {part.name: part.channels[1].unit for part in robot.actuated}
-    pulls = ", ".join(f"{name} {effort:.6g} {units[name]}" for name, effort in efforts(shape).items())
+    pulls = ", ".join(f"{name} {effort:.6g} {units[name]}" for name, effort in shape.efforts.items())
     readme.write_text(
         f"State: {shape.label}{f'; {pulls}' if pulls else ''}.\n"
         f"Steps: {deck.n_states}. Each ends at an equilibrium of softcal on the load path, the last at this state.\n"

@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.export.engine import Engine, EngineState, Running, register_engine
 from softcal.plugins.calculix.deck import calculix_deck, deck_faults, in_its_law
-from softcal.plugins.calculix.load_path import LoadPath, by_cables, coordinates, efforts, load_path, positions
+from softcal.plugins.calculix.load_path import LoadPath, by_cables, coordinates, load_path, positions
 from softcal.plugins.calculix.run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Protocol
@@ -36,7 +36,7 @@ def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) 
         if k < layout.n_moving_frames and len(riders) >= 3:
             plates[name] = _fitted_pose(layout.X[riders], x[riders], layout.references[k])
     own = by_cables(robot)
-    ours, theirs = (coordinates(own, at, efforts(shape)) for at in (positions(twin, shape), x))
+    ours, theirs = (coordinates(own, at, shape.efforts) for at in (positions(twin, shape), x))
     return EngineState(
         efforts={},
         coordinates=theirs,
@@ -54,7 +54,7 @@ def _needed(
         return {}
     lacks = np.array([ours[name] - theirs[name] for name in path.acting])
     more = path.stiffness @ lacks
-    return {name: efforts(shape)[name] + float(change) for name, change in zip(path.acting, more, strict=True)}
+    return {name: shape.efforts[name] + float(change) for name, change in zip(path.acting, more, strict=True)}
 
 
 def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Floats]:

@@ -50,14 +50,14 @@ def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     """
     robot = by_cables(robot)
     twin = twin_of(robot)
-    kinds = {part.name: part.channels for part in robot.actuated if efforts(end).get(part.name, 0.0) != 0.0}
+    kinds = {part.name: part.channels for part in robot.actuated if end.efforts.get(part.name, 0.0) != 0.0}
     acting = tuple(kinds)
     if not acting:
         return LoadPath((end,), (), np.zeros((0, 0)))
     begin = simulate(robot, Protocol({}), snapshots=True).snapshots[0]
     n = max(1, int(np.ceil(_largest_turn(twin, begin, end) / TURN)))
     share = np.arange(1, n + 1) / n
-    first, last = (coordinates(robot, positions(twin, shape), efforts(shape)) for shape in (begin, end))
+    first, last = (coordinates(robot, positions(twin, shape), shape.efforts) for shape in (begin, end))
     commands = {
         name: Command(coordinate.name, first[name] + share * (last[name] - first[name]))
         for name, (coordinate, _) in kinds.items()
@@ -99,11 +99,6 @@ def positions(twin: Twin, shape: Snapshot | EngineState) -> Floats:
         position[twin.frame[name]], rotation[twin.frame[name]] = at, turn
     layout.links.place(x, position, rotation)
     return x
-
-
-def efforts(shape: Snapshot) -> dict[str, float]:
-    """Effort of every actuator [SI] in a shape."""
-    return {**shape.tensions, **shape.efforts}
 
 
 def coordinates(robot: Robot, x: Floats, effort: Mapping[str, float]) -> dict[str, float]:

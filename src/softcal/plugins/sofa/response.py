@@ -82,22 +82,21 @@ class RecordPosture:
 
 def table(twin: Twin, records: Sequence[Record]) -> Floats:
     """Records as rows, with unwrapped angles."""
-    theta = parameter_values(twin.robot)
-
-    def pumped(record: Record) -> dict[str, float]:
-        found: dict[str, float] = {}
-        for term in twin.system.of(ChamberTerm):
-            chamber = record["chambers"][term.name]
-            swallowed = term.filling(theta).swallowed(chamber["pressure"])
-            found[term.name] = chamber["volume"] - term.rest_volume + swallowed
-        return found
-
-    drives = {part.name: part.actuator for part in twin.robot.actuators if isinstance(part.actuator, Drive)}
-    values = np.array([read_all(twin, RecordPosture(record, pumped(record), drives)) for record in records])
+    values = np.array([read_all(twin, _posture(twin, record)) for record in records])
     values = values.reshape(len(records), len(twin.columns))
     turns = angle_columns(twin)
     values[:, turns] = np.unwrap(values[:, turns], axis=0)
     return values
+
+
+def _posture(twin: Twin, record: Record) -> RecordPosture:
+    pumped: dict[str, float] = {}
+    for term in twin.system.of(ChamberTerm):
+        chamber = record["chambers"][term.name]
+        swallowed = term.filling(parameter_values(twin.robot)).swallowed(chamber["pressure"])
+        pumped[term.name] = chamber["volume"] - term.rest_volume + swallowed
+    drives = {part.name: part.actuator for part in twin.robot.actuators if isinstance(part.actuator, Drive)}
+    return RecordPosture(record, pumped, drives)
 
 
 def along_one_cable(
@@ -180,19 +179,20 @@ def shapes(
     found: list[Snapshot] = []
     for record, controls in zip(records, commanded, strict=False):
         label = "at rest" if record is records[0] else f"state {record['state']}"
+        posture, actuators = _posture(twin, record), [part.name for part in twin.robot.actuated]
         found.append(
             Snapshot(
                 label=label,
                 points={name: np.array(points) for name, points in record["points"].items()},
                 # In the robot's order; the scene's order starts at the pull point.
-                cables={
+                routes={
                     cable.name: np.array(record["cables"][cable.name]["points"])[:: 1 if begins_first(cable) else -1]
                     for cable in twin.robot.cables
                 },
                 plates={name: _pose(at) for name, at in record["plates"].items()},
                 controls=dict(controls),
-                tensions={name: float(cable["tension"]) for name, cable in record["cables"].items()},
-                efforts={name: float(chamber["pressure"]) for name, chamber in record["chambers"].items()},
+                efforts={name: float(posture.effort(name)) for name in actuators},
+                coordinates={name: float(posture.coordinate(name)) for name in actuators if name not in posture.drives},
                 rods={name: np.array(points) for name, points in record["rods"].items()},
                 markers={name: np.array(at) for name, at in record["markers"].items()},
             )

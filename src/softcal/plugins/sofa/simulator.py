@@ -164,7 +164,8 @@ class _EngineRun:
             snapshots=shapes(twin, self.protocol, outcome.records, self._states(robot, self.protocol))
             if snapshots
             else (),
-            tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
+            tets=twin.tets if snapshots else {},
+            walls=twin.walls if snapshots else {},
             remarks=self.remarks,
         )
 

@@ -12,7 +12,7 @@ from softcal.calibration.statistics.estimate import Estimate
 from softcal.report.compared import Compared, Configuration
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.figures.overview import has_curves
+from softcal.report.figures.overview import overview_curves
 from softcal.report.format import number, parameter_label
 from softcal.report.robot_view import robot_points
 from softcal.report.scene import Ball, Part, Scene, Tube, bending_camera, extent_points, length_scale
@@ -39,7 +39,7 @@ def configurations(content: ReportContent) -> Iterator[Drawing]:
         f"{compared.state}: the twin at selected values, with the root mean square distance of its markers (blue) "
         "from their measured positions (red). Colour: displacement from rest, one scale for all."
     )
-    section = "compared" if has_curves(content) else "overview"
+    section = "compared" if overview_curves(content) else "overview"
     yield Drawing(
         drawn.figure, caption, shown="png", note=drawn.note, section=section, title="The twin at selected values"
     )

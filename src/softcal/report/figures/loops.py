@@ -1,4 +1,4 @@
-"""Whole cycles over the travel: force and angles, measured and simulated, and the energy that each cycle loses."""
+"""Whole cycles over the travel: effort and angles, measured and simulated, and the energy that each cycle loses."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 
 from softcal.calibration.results.result import ExperimentFit
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.driven import driven
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import channel_scale, file_stem, result_label
+from softcal.report.format import axis_label, channel_scale, file_stem, result_label
 from softcal.report.style import MEASURED, SIMULATED, count_axis, house_style, new_figure
-from softcal.sensing.channel import channel_name
+from softcal.sensing.channel import driven_pair
 from softcal.sensing.sensors.plate import ANGLES
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 @register_figure("fit", place=1)
 def loops(content: ReportContent) -> Iterator[Drawing]:
-    """Force and angles over the travel through whole cycles, and the energy that each of them loses."""
+    """Effort and angles over the coordinate through whole cycles, and the energy that each of them loses."""
     for label, result in content.results.items():
         for name, fit in result.experiments.items():
             if not fit.cycles:
@@ -36,7 +35,7 @@ def loops(content: ReportContent) -> Iterator[Drawing]:
 
 
 def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
-    """Panels of the effort and of every compared angle over the travel, and of the energy lost by cycle.
+    """Panels of effort and of every compared angle over the coordinate, and of the energy lost by cycle.
 
     Parameters
     ----------
@@ -48,24 +47,22 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
         Their measured and simulated values, and the energies of each cycle.
     """
     angles = [kind.name for kind in ANGLES if kind.name in fit.simulated]
-    of, cycle = driven(data), np.zeros(data.n_samples) if data.cycle is None else data.cycle
-    along, effort = of.kinds
-    unit = channel_scale(along.unit)
+    coordinate, effort = driven_pair(fit.measured) or ("shortening", "tension")
+    cycle = np.zeros(data.n_samples) if data.cycle is None else data.cycle
     with house_style():
         figure = new_figure(5.2, 3.5 + 2.2 * (len(angles) + 1))
         heights = [3.2, *(2.2 for _ in angles), 1.8]
         axes, *others, last = figure.subplots(len(heights), 1, height_ratios=heights)
-        for below, channel in zip([axes, *others], [of.effort, *angles], strict=True):
+        for below, channel in zip([axes, *others], [effort, *angles], strict=True):
             scale = channel_scale(fit.units[channel])
             for family, colour, width in ((fit.measured, MEASURED, 1.1), (fit.simulated, SIMULATED, 1.3)):
-                travel = family.get(of.coordinate, fit.measured[of.coordinate]) / unit.factor
+                travel = family.get(coordinate, fit.measured[coordinate]) / channel_scale(fit.units[coordinate]).factor
                 values = family.get(channel, fit.measured[channel]) / scale.factor
                 shown = np.isfinite(travel) & np.isfinite(values) & (cycle >= 0)
                 name = "measured" if family is fit.measured else "simulated"
                 below.plot(travel[shown], values[shown], color=colour, linewidth=width, alpha=0.75, label=name)
-            below.set_xlabel(unit.axis("Displacement" if of.is_cable else along.label or along.name))
-            kind = effort if channel == of.effort else channel_name(channel).kind
-            below.set_ylabel(scale.axis(kind.label or kind.name))
+            below.set_xlabel(axis_label(coordinate))
+            below.set_ylabel(axis_label(channel))
         axes.set_title(title)
         axes.legend(loc="upper left")
         numbers = np.array([cycle.measured.number + 1 for cycle in fit.cycles])

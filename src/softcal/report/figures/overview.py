@@ -1,47 +1,53 @@
-"""The measured force and the twin's, of every experiment of the headline."""
+"""The measured effort of actuators, such as cables' force, and the twin's, of every experiment of the headline."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.results.result import SearchResult
 from softcal.checks import Floats
-from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.figures.force_displacement import force_displacement_axes
-from softcal.report.format import result_label, scale_of
+from softcal.report.figures.force_displacement import effort_axes
+from softcal.report.format import channel_scale, in_a_word, result_label
 from softcal.report.headline import headline
 from softcal.report.style import SERIES, house_style, new_figure
+from softcal.sensing.channel import channel_name, driven_pair
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+Curves = tuple[tuple[Floats, Floats], tuple[Floats, Floats]]
+"""Coordinate and effort in display units, measured and simulated."""
+
+
 @register_figure("overview")
 def overview(content: ReportContent) -> Iterator[Drawing]:
-    """Force over displacement of all experiments of the headline, measured and simulated."""
-    if has_curves(content):
-        whose = headline(content).twin
-        caption = f"Measured cable force (points) and {whose} (lines): {result_label(content.headline)}."
-        yield Drawing(draw_overview(content, content.headline_result), caption, title="Measured force and the twin")
+    """Effort over coordinate of all experiments of the headline, measured and simulated, by the kind of actuator."""
+    whose, charts = headline(content).twin, overview_curves(content)
+    for pair, curves in charts.items():
+        label, word = channel_name(pair[1]).label.lower(), in_a_word(pair[1])
+        caption = f"Measured {label} (points) and {whose} (lines): {result_label(content.headline)}."
+        of = word if len(charts) > 1 else ""
+        yield Drawing(draw_overview(curves, pair), caption, of=of, title=f"Measured {word} and the twin")
 
 
-def has_curves(content: ReportContent) -> bool:
-    """Whether there is an experiment whose force over displacement can be drawn."""
-    result = content.headline_result
-    return any(overview_curves(content.experiments[name], result) for name in result.experiments)
+def draw_overview(drawn: Mapping[str, Curves], pair: tuple[str, str]) -> Figure:
+    """Experiments of one calibration: the measured effort as points, the twin as lines, over the coordinate.
 
-
-def draw_overview(content: ReportContent, result: SearchResult) -> Figure:
-    """All experiments of one calibration: measured force as points, the twin as lines, over the cable's travel."""
+    Parameters
+    ----------
+    drawn
+        Experiment -> its curves.
+    pair
+        Kinds of channel of the coordinate and of the effort.
+    """
     from matplotlib.lines import Line2D
 
-    pairs = {name: overview_curves(content.experiments[name], result) for name in result.experiments}
-    drawn = {name: curves for name, curves in pairs.items() if curves is not None}
     # As many columns of the legend as fit the longest name, fewer where that makes the rows even.
     widest = 0.6 + 0.065 * max(map(len, drawn), default=0)  # [in], with the handle
     most = max(1, min(3, int(5.0 / widest)))
@@ -65,21 +71,30 @@ def draw_overview(content: ReportContent, result: SearchResult) -> Figure:
                 handles.append(Line2D([], [], color=colour, label="twin", **line))
             else:
                 handles.append(Line2D([], [], color=colour, label=name, **points, **line))
-        force_displacement_axes(axes, "Measured force (points) and the twin (lines)")
+        effort_axes(axes, f"Measured {in_a_word(pair[1])} (points) and the twin (lines)", pair)
         figure.legend(handles=handles, loc="outside lower center", ncols=2 if alone else columns)
         return figure
 
 
-def overview_curves(
-    experiment: ExperimentContent, result: SearchResult
-) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]] | None:
-    """Measured and simulated (travel [mm], force [N]), or None where the compared samples do not match the data."""
-    fit, data, factor = result.experiments[experiment.name], experiment.prepared, scale_of("m").factor
-    compared = "tension" if experiment.drive == "shortening" else "shortening"
-    driven = data.channels.get(experiment.drive)
-    if driven is None or compared not in fit.measured or len(fit.measured[compared]) != data.n_samples:
-        return None
-    measured, simulated = (np.asarray(side[compared], dtype=np.float64) for side in (fit.measured, fit.simulated))
-    if compared == "tension":
-        return (driven.values / factor, measured), (driven.values / factor, simulated)
-    return (measured / factor, driven.values), (simulated / factor, driven.values)
+def overview_curves(content: ReportContent) -> dict[tuple[str, str], dict[str, Curves]]:
+    """Kinds of coordinate and effort -> experiment of the headline -> its curves, of those with one actuator that is
+    driven by the one and compared by the other at all samples.
+    """
+    found: dict[tuple[str, str], dict[str, Curves]] = {}
+    for name, fit in content.headline_result.experiments.items():
+        experiment = content.experiments[name]
+        data, pair = experiment.prepared, driven_pair(experiment.prepared.channels)
+        if pair is None or experiment.drive not in pair:
+            continue
+        (compared,) = set(pair) - {experiment.drive}
+        if len(fit.measured.get(compared, ())) != data.n_samples or compared not in fit.simulated:
+            continue
+        scale = channel_scale(data.channels[compared].unit).factor
+        driven = data.values(experiment.drive) / channel_scale(data.channels[experiment.drive].unit).factor
+        measured, simulated = (
+            (driven, values) if compared == pair[1] else (values, driven)
+            for values in (np.asarray(side[compared]) / scale for side in (fit.measured, fit.simulated))
+        )
+        coordinate, effort = (channel_name(channel).kind.name for channel in pair)
+        found.setdefault((coordinate, effort), {})[name] = measured, simulated
+    return found

@@ -164,7 +164,7 @@ def _draw_shape(
         axes.add_collection(LineCollection(list(lines), colors=colour, linewidths=1.0, alpha=0.8, zorder=2))
     for nodes in shape.rods.values():
         axes.plot(*view.flat(nodes).T, color=colour, linewidth=1.5, alpha=0.8, zorder=2)
-    for points in shape.cables.values():
+    for points in shape.routes.values():
         axes.plot(*view.flat(points).T, color=colour, linewidth=0.6, alpha=0.6, zorder=2)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from softcal.report.agreement import left_out_table
 from softcal.report.comparison import improvement_table
 from softcal.report.content import ReportContent
-from softcal.report.cycles import cycles_table, loops_table
+from softcal.report.cycles import cycles_tables, loops_tables
 from softcal.report.format import material_kinds
 from softcal.report.headline import headline
 from softcal.report.positions import distances_table
@@ -61,7 +61,7 @@ def twin(content: ReportContent) -> Iterator[Block]:
 def fit(content: ReportContent) -> Iterator[Block]:
     """The samples that were compared."""
     yield Gallery()
-    yield loops_table(content)
+    yield from loops_tables(content)
 
 
 @register_section("The whole record", place=50)
@@ -77,7 +77,7 @@ def record(content: ReportContent) -> Iterator[Block]:
             if fitted.failure:
                 yield Small(f"{name}: comparison with the whole record failed: {fitted.failure}", alone=True)
     yield Gallery(wide=True)
-    yield cycles_table(content)
+    yield from cycles_tables(content)
 
 
 @register_section("Measurements", place=60)

@@ -31,7 +31,7 @@ from softcal.twin.actuated import NamedActuator, effort_shares
 from softcal.twin.actuators.drive import Drive
 from softcal.twin.loads import walls
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.response import Response
+from softcal.twin.response import Derivatives, Response
 from softcal.twin.simulate import simulate
 from softcal.workflows.simulation import twin_view
 
@@ -78,7 +78,7 @@ def test_walls_are_found_in_the_mesh_of_an_element_of_lower_order() -> None:
     robot = replace(BOX, bodies=(replace(body, mesh=mesh),))
     used = ELEMENTS["P1"].mesh(mesh)
     found = walls(robot, {"box": used})["main"]["box"]
-    corners = body.mesh.points[MAIN.surfaces["box"]]
+    corners = body.mesh.points[np.asarray(MAIN.surfaces["box"])]
     np.testing.assert_allclose(np.sort(used.points[found], axis=1), np.sort(corners, axis=1), atol=1e-15)
 
 
@@ -128,7 +128,7 @@ def test_charts_of_a_chamber_are_of_pressure_over_volume() -> None:
     assert [axes.get_ylabel() for axes in draw_record(record).axes] == ["Pressure [kPa]", "m1.x [mm]"]
     assert {axes.get_xlabel() for axes in draw_record(record).axes} == {"Pumped volume [ml]"}
     experiment = Experiment("stroke", record, drive=("main.volume",), compared=("main.pressure",))
-    fit = experiment_fit(experiment, Observation({"main.pressure": strokes(2e-6).values("main.pressure")}, {}, {}, {}))
+    fit = experiment_fit(experiment, Observation({"main.pressure": strokes(2e-6).values("main.pressure")}, Derivatives(), {}, {}))
     figure = draw_loops("stroke", record, fit)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("Pumped volume [ml]", "Pressure [kPa]")
     measured, simulated = (np.asarray(line.get_xydata()) for line in figure.axes[0].lines)

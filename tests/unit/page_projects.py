@@ -150,7 +150,7 @@ def _arm(folder: Path) -> None:
 def _finger(folder: Path) -> None:
     (body,), (part,) = (robot := hanging_finger("P1", is_open=True)).bodies, robot.actuators
     assert isinstance(part.actuator, Chamber)
-    groups = {"foot": body.fixed}, {"wall": part.actuator.surfaces["finger"]}
+    groups = {"foot": body.fixed}, {"wall": np.asarray(part.actuator.surfaces["finger"], dtype=np.int64)}
     write_mesh(TetMesh(body.mesh.points, body.mesh.tets, *groups), folder / "finger.msh")
     _write(folder, FINGER, np.linspace(0.0, 2e4, 8), finger__youngs_modulus=3e5)
 

@@ -2,14 +2,15 @@
 
 python -m benchmarks.contact [--out FOLDER]
 
-Takes three minutes. Writes docs/contact.md.
+Takes three minutes. Writes the numbers of docs/contact.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from benchmarks.machine import machine
 from benchmarks.neck_case import TENSION, pull
 from benchmarks.section import table
+from benchmarks.written_page import written_page
 from softcal.mechanics.contact import ContactTerm
 from softcal.project.project import load
 from softcal.twin.barrier import Contact
@@ -26,35 +28,56 @@ from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "contact.md"
+ELEMENTS = ("P1", "P2P1")
 SHORTENINGS = np.array([0.2, 2.0, 5.5, 10.0, 20.0, 30.0, 40.0, 50.0, 58.0]) * 1e-3
 FINE = np.arange(1e-3, 40e-3, 0.5e-3)
 STIFFER = 4.0  # times
-INTRODUCTION = """# Contact in the grooves of the neck
 
-Computed by `python -m benchmarks.contact`. The neck of `examples/neck` ({tets:,} tets) at E {modulus:.2g} MPa and
-ν {ratio:.2g}, pulled to 58 mm. Contact has no gap: points on a surface press on the core of the surface that they
-meet ([how](mechanics.md)). What is left to choose is how far surfaces overlap: at the `depth`, by default 0.04 of the
-mean edge of the surface, the pressure is the `stiffness`, by default four times the mean modulus. {stiffer:.0f}
-times as stiff, the overlap is about a quarter. When to set contact, and how to see it: [parts that touch](touching.md).
-"""
+
+@dataclass(frozen=True)
+class Found:
+    """Of one element: rows of the table of tensions; and of contact, the overlap at rest [m], the shortening [m] from
+    which the tension differs, and the one [mm] from which the twin without contact says that it intersects itself.
+    """
+
+    rows: Sequence[Sequence[str]]
+    overlap: float
+    differs: float
+    intersects: str
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of contact.md")
+    parser.add_argument("--out", type=Path, default=PAGE.parent, help="folder of contact.md")
     out = parser.parse_args().out
     robot = load(ROOT / "examples" / "neck" / "project.yaml").robot
     (body,) = robot.bodies
-    modulus, ratio = 1e-6 * body.parameters["youngs_modulus"], body.parameters["poissons_ratio"]
-    head = INTRODUCTION.format(tets=body.mesh.n_tets, modulus=modulus, ratio=ratio, stiffer=STIFFER)
-    parts = [head, *(_of_element(robot, element) for element in ("P1", "P2P1"))]
-    text = "\n".join([*parts, "## Machine", "", *table(["", ""], machine()), ""])
-    (out / "contact.md").write_text(text, encoding="utf-8")
-    print(f"Written: {out / 'contact.md'}")
+    numbers = {
+        "tets": f"{body.mesh.n_tets:,}",
+        "E": f"{1e-6 * body.parameters['youngs_modulus']:.2g}",
+        "ratio": f"{body.parameters['poissons_ratio']:.2g}",
+    }
+    text = written_page(PAGE, {**numbers, **values({element: _of_element(robot, element) for element in ELEMENTS})})
+    (out / PAGE.name).write_text(text, encoding="utf-8")
+    print(f"Written: {out / PAGE.name}")
 
 
-def _of_element(robot: Robot, element: str) -> str:
-    """The section of one element."""
+def values(found: Mapping[str, Found]) -> dict[str, str]:
+    """What the page has of every element, and the machine, by the names of its marks."""
+    told = {"machine": "\n".join(table(["", ""], machine()))}
+    for element, one in found.items():
+        header = [f"{element}: tension [N] at", *(f"{1e3 * d:g} mm" for d in SHORTENINGS), "factorisations", "CPU"]
+        told |= {
+            element: "\n".join(table(header, one.rows)),
+            f"{element} overlap": f"{1e3 * one.overlap:g} mm",
+            f"{element} differs": f"{1e3 * one.differs:.1f} mm",
+            f"{element} intersects": f"{one.intersects} mm",
+        }
+    return told
+
+
+def _of_element(robot: Robot, element: str) -> Found:
     (body,) = robot.bodies
     free = replace(robot, bodies=(replace(body, element=element),), contact=None)
     usual = replace(free, contact=Contact())
@@ -73,24 +96,20 @@ def _of_element(robot: Robot, element: str) -> str:
         cost = [str(found.n_factorisations), f"{took:.1f} s"]
         rows.append([name, *(f"{value:.4g}" for value in found.channels[TENSION]), *cost])
         print(element, *rows[-1], flush=True)
-    header = [f"{element}: tension [N] at", *(f"{1e3 * d:g} mm" for d in SHORTENINGS), "factorisations", "CPU"]
-    return "\n".join([f"## {element}", "", *table(header, rows), "", _begins(free, usual), ""])
+    return Found(rows, *_begins(free, usual))
 
 
-def _begins(free: Robot, touching: Robot) -> str:
-    """Where contact begins, by the force and by the check of the twin without contact."""
+def _begins(free: Robot, touching: Robot) -> tuple[float, float, str]:
+    """The overlap at rest [m], and where contact begins, by the force [m] and by the check of the twin without contact
+    [mm].
+    """
     alone, pressed = (simulate(one, pull(FINE), curve_tolerance=0.0) for one in (free, touching))
     ratio = pressed.channels[TENSION] / alone.channels[TENSION] - 1.0
-    acts = 1e3 * FINE[int(np.argmax(np.abs(ratio) > 1e-6))]
+    acts = float(FINE[int(np.argmax(np.abs(ratio) > 1e-6))])
     said = simulate(free, pull(SHORTENINGS)).crossings.split("from ")[1].split(" ")[0]
     system = twin_of(touching).system
     (contact,) = system.of(ContactTerm)
-    rest = contact.overlap(system.layout.X)
-    return (
-        f"At rest the largest overlap is {1e3 * rest:g} mm. The tension first differs by more than 1e-6 at\n"
-        f"{acts:.1f} mm (in steps of 0.5 mm); without contact, `simulate` states that the neck intersects itself\n"
-        f"from {said} mm on."
-    )
+    return contact.overlap(system.layout.X), acts, said
 
 
 if __name__ == "__main__":

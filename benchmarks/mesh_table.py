@@ -1,4 +1,5 @@
-"""The authors' mesh study with softcal's linear and locking-free tets: writes docs/mesh-table.md and its figure.
+"""The authors' mesh study with softcal's linear and locking-free tets: writes the numbers of docs/mesh-table.md
+and its figure.
 
 python -m benchmarks.mesh_table [--quick] [--out FOLDER]
 
@@ -18,12 +19,12 @@ import numpy as np
 from benchmarks.machine import load, machine
 from benchmarks.neck_case import PITCH, PULL, TENSION, neck_robot, pull
 from benchmarks.section import table
+from benchmarks.written_page import written_page
 from softcal.geometry.neck import Neck
 from softcal.twin.build import build_twin
 from softcal.twin.simulate import simulate
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
-SOURCE = "https://albertorodriguezsanz.github.io/SOFA_MOR_Force-Based_Trajectory"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "mesh-table.md"
 # Tets, force [N], pitch [deg]: the authors' table, by SOFA with linear tets.
 AUTHORS = ((2363, 14.01, 45.803), (9676, 11.15, 45.813), (17633, 10.80, 45.788), (37308, 10.18, 45.791))
 FINEST = 37000
@@ -91,7 +92,7 @@ def solved(kind: Kind, count: int) -> Row:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help=f"only meshes below {QUICK} tets; printed, not written")
-    parser.add_argument("--out", type=Path, default=DOCS, help="folder of mesh-table.md")
+    parser.add_argument("--out", type=Path, default=PAGE.parent, help="folder of mesh-table.md")
     arguments = parser.parse_args()
     most = QUICK if arguments.quick else np.inf
     solved(LINEAR, 1000)  # compiles
@@ -99,8 +100,10 @@ def main() -> None:
     families = [[_said(solved(kind, n)) for n in (*COARSE, FINEST) if n < most] for kind in KINDS]
     if not arguments.quick:
         draw(linear, families, arguments.out / "mesh-table.svg")
-        (arguments.out / "mesh-table.md").write_text(page(linear, families), encoding="utf-8")
-        print(f"Written: {arguments.out / 'mesh-table.md'}")
+        ran_on = table(["", ""], [*machine(), ["load at the end", load()]])
+        written = {**values(linear, families), "machine": "\n".join(ran_on)}
+        (arguments.out / PAGE.name).write_text(written_page(PAGE, written), encoding="utf-8")
+        print(f"Written: {arguments.out / PAGE.name}")
 
 
 def _said(row: Row) -> Row:
@@ -110,47 +113,35 @@ def _said(row: Row) -> Row:
     return row
 
 
-def page(linear: Sequence[Row], families: Sequence[Sequence[Row]]) -> str:
-    """The whole page."""
+def values(linear: Sequence[Row], families: Sequence[Sequence[Row]]) -> dict[str, str]:
+    """What the page has of the meshes, by the names of its marks."""
     best = min((family[-1] for family in families), key=lambda row: row.tension)
-    parts = [_intro(), _linear(linear), _locking_free(families, best), _meaning(linear, families, best)]
-    return "\n".join([*parts, "## Machine", "", *table(["", ""], [*machine(), ["load at the end", load()]]), ""])
+    parts = {
+        "linear": _linear(linear),
+        "locking-free": _locking_free(families, best),
+        "meaning": _meaning(linear, families, best),
+    }
+    return {
+        **{name: "\n".join(lines) for name, lines in parts.items()},
+        "fall of theirs": f"{100.0 * (1.0 - AUTHORS[-1][1] / AUTHORS[0][1]):.0f} %",
+        "fall": f"{100.0 * (1.0 - linear[-1].tension / linear[0].tension):.0f} %",
+        "pitch": f"{100.0 * float(np.ptp([row.pitch for row in linear])) / linear[-1].pitch:.2f} %",
+        "verdict": verdict(families),
+        "best": f"{best.kind.name} with {best.n_tets:,} tets",
+    }
 
 
-def _intro() -> str:
-    return """# The mesh table
-
-Written by `make mesh-table`. The published neck, outer diameter 38 mm, E 2.3 MPa, ν 0.43, no gravity; its cable, 50 mm
-off the axis and straight down from the plate, is pulled in by 40 mm. There is no contact, as in the authors' scene;
-[with it](contact.md) the force of the mesh of `examples/neck` is 11 % higher there.
-"""
-
-
-def _linear(linear: Sequence[Row]) -> str:
-    fall = 100.0 * (1.0 - linear[-1].tension / linear[0].tension)
-    spread = 100.0 * float(np.ptp([row.pitch for row in linear])) / linear[-1].pitch
-    theirs = 100.0 * (1.0 - AUTHORS[-1][1] / AUTHORS[0][1])
+def _linear(linear: Sequence[Row]) -> list[str]:
     header = ["tets, authors", "force", "pitch", "tets, softcal P1", "force", "pitch", "s per curve"]
     rows = [
         [f"{n:,}", f"{force:.2f} N", f"{pitch:.2f}°", f"{row.n_tets:,}", f"{row.tension:.2f} N", f"{row.pitch:.2f}°",
          f"{row.seconds:.2f}"]
         for (n, force, pitch), row in zip(AUTHORS, linear, strict=True)
     ]  # fmt: skip
-    lines = "\n".join(table(header, rows))
-    return f"""## Linear tets, as the authors used
-
-{lines}
-
-The authors' numbers are those of the table on [their project page]({SOURCE}),
-computed with SOFA. The page states neither displacement nor diameter, so single forces and pitches are compared on
-[a page of their own](neck-shape.md), and here the influence of the mesh.
-From the coarsest mesh to the finest the force decreases by {theirs:.0f} % in their
-table and by {fall:.0f} % in softcal's, and softcal's pitch changes by {spread:.2f} %: the tilt of the plate depends on
-the length of the cable, but the force depends on the mesh.
-"""
+    return table(header, rows)
 
 
-def _locking_free(families: Sequence[Sequence[Row]], best: Row) -> str:
+def _locking_free(families: Sequence[Sequence[Row]], best: Row) -> list[str]:
     header = ["element", "tets", "unknowns", "force", "over its own finest", "over the best", "pitch", "s per curve"]
     rows = [
         [row.kind.name, f"{row.n_tets:,}", f"{row.n_unknowns:,}", f"{row.tension:.3f} N",
@@ -159,54 +150,16 @@ def _locking_free(families: Sequence[Sequence[Row]], best: Row) -> str:
         for family in families
         for row in family
     ]  # fmt: skip
-    lines = "\n".join(table(header, rows))
-    kinds = ", ".join(
-        f"*{family[0].kind.name}* `Neck(waist_refinement={family[0].kind.waist_refinement:g}"
-        + (", sectors={})`, the finest with {}".format(*family[0].kind.sectors) if family[0].kind.sectors else ")`")
-        for family in families[1:]
-    )
-    return f"""## Locking-free tets
-
-{lines}
-
-![Force over the number of tets](mesh-table.svg)
-
-Quadratic tets with linear pressure (P2P1), curved on the surface: {kinds}.
-*The best* is the lowest force of the table: for every kind of mesh, finer meshes have lower forces.
-
-{verdict(families)}
-
-Even these meshes converge slowly because of the shape. Where the dome of a bell meets the waist under the flat
-underside of the next bell, the gap closes at an angle of some 26°, and the stress at its tip is singular, almost as at
-a crack. The error depends on the size of the elements there, across the tip and not along it. So grading is effective,
-sweeping more so, and uniform refinement least.
-"""
+    return table(header, rows)
 
 
-def _meaning(linear: Sequence[Row], families: Sequence[Sequence[Row]], best: Row) -> str:
+def _meaning(linear: Sequence[Row], families: Sequence[Sequence[Row]], best: Row) -> list[str]:
     header = ["mesh", "tets", "too stiff by", "E found for a neck of 2.30 MPa, in MPa"]
     rows = [
-        [
-            row.kind.name,
-            f"{row.n_tets:,}",
-            f"{_percent(row, best):.0f} %",
-            f"{2.3 * best.tension / row.tension:.2f}",
-        ]
+        [row.kind.name, f"{row.n_tets:,}", f"{_percent(row, best):.0f} %", f"{2.3 * best.tension / row.tension:.2f}"]
         for row in (*linear, *(family[i] for family in families for i in (1, -2)))
     ]
-    lines = "\n".join(table(header, rows))
-    return f"""## What it means
-
-At a given shortening and without weight, force is proportional to E. So a mesh that is too stiff by some factor makes
-the calibrated E too small by the same factor:
-
-{lines}
-
-The reference is the best of the table, {best.kind.name} with {best.n_tets:,} tets, which is still above the limit.
-An E that was found with linear tets is a property of their mesh and not of the material: it may be used with that mesh
-only, and two such values may be compared only if their meshes are the same. The pitch does not show the error: it is
-nearly right on every mesh.
-"""
+    return table(header, rows)
 
 
 def _percent(row: Row, reference: Row) -> float:

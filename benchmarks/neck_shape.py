@@ -1,4 +1,5 @@
-"""The shape of the neck and its modulus, and what the authors' mesh table says of the scale: writes docs/neck-shape.md.
+"""The shape of the neck and its modulus, and what the authors' mesh table says of the scale: writes the numbers of
+docs/neck-shape.md.
 
 python -m benchmarks.neck_shape [--out FOLDER]
 
@@ -18,9 +19,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.machine import machine
-from benchmarks.mesh_table import AUTHORS, SOURCE
+from benchmarks.mesh_table import AUTHORS
 from benchmarks.neck_case import CABLE_RADIUS, PITCH, TENSION, YOUNGS_MODULUS, neck_robot, pull
 from benchmarks.section import table
+from benchmarks.written_page import written_page
 from softcal.checks import Floats
 from softcal.geometry.neck import Neck
 from softcal.project.project import load
@@ -28,6 +30,7 @@ from softcal.twin.barrier import Contact
 from softcal.twin.simulate import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "neck-shape.md"
 DOMES: tuple[Literal["cubic", "ellipse"], ...] = ("cubic", "ellipse")
 BENCH_RATIO = 0.45  # Poisson's ratio of the fits of the bench tests
 DIAMETERS = (0.032, 0.034, 0.036, 0.038, 0.040)  # [m]
@@ -107,45 +110,26 @@ def fitted(twin: Curve) -> list[Fit]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of neck-shape.md")
+    parser.add_argument("--out", type=Path, default=PAGE.parent, help="folder of neck-shape.md")
     out = parser.parse_args().out
-    text = "\n".join([_intro(), _bench(), _meshes(), _scale(), "## Machine", "", *table(["", ""], machine()), ""])
-    (out / "neck-shape.md").write_text(text, encoding="utf-8")
-    print(f"Written: {out / 'neck-shape.md'}")
+    (out / PAGE.name).write_text(written_page(PAGE, values()), encoding="utf-8")
+    print(f"Written: {out / PAGE.name}")
 
 
-def _intro() -> str:
-    return """# The shape of the neck
-
-Written by `python -m benchmarks.neck_shape`. D is the outer diameter.
-
-The silhouette of the published neck was digitised: below a waist, its links rise at some 26° from the flat underside of
-the next link. `dome: cubic`, the default of `primitive: neck`, 0.30 D high from a waist of 0.587 D, meets the digitised
-radii below the waist within 0.011 D. `dome: ellipse`, 0.27 D high from 0.60 D, as the neck was modelled before, leaves
-the waist flat, in a cusp. Without contact the links intersect from some 15 mm of shortening on, which the test to 40 mm
-notices ([how the force changes](contact.md)), and that to 60 mm more.
-"""
+def values() -> dict[str, str]:
+    """What the page has, by the names of its marks."""
+    tables = {"bench": _bench(), "meshes": _meshes(), "machine": table(["", ""], machine()), **_scale()}
+    return {name: "\n".join(lines) for name, lines in tables.items()}
 
 
-def _bench() -> str:
+def _bench() -> list[str]:
     header = ["dome", "contact", "D", "E, 20 mm", "E, 40 mm", "E, 60 mm", "slack [mm]", "RMSE [N]"]
     rows = [
         [dome, "yes" if contact else "", *_bench_row(diameter, bench_fits(diameter, dome=dome, contact=contact))]
         for dome, contact in (*((dome, False) for dome in DOMES), (DOMES[0], True))
         for diameter in BENCH_DIAMETERS
     ]
-    lines = "\n".join(table(header, rows))
-    return f"""## What the shape makes of E
-
-The three tests of `examples/neck`, each by E [MPa] and slack, at a Poisson's ratio of {BENCH_RATIO:g} and a cable
-{1e3 * CABLE_RADIUS:.0f} mm off the axis; some 2,000 tets of P2P1, graded and swept, as there.
-
-{lines}
-
-E depends strongly on D, which is not published, and on the lever of the cable. With contact the test to 60 mm is
-reproduced two to three times as well, and E falls with the pull by more than without: part of the stiffness at 60 mm is
-contact. What softens the neck from pull to pull is [in its cycles](neck-cycles.md).
-"""
+    return table(header, rows)
 
 
 def _bench_row(diameter: float, fits: Sequence[Fit]) -> list[str]:
@@ -154,7 +138,7 @@ def _bench_row(diameter: float, fits: Sequence[Fit]) -> list[str]:
     return [f"{1e3 * diameter:.0f} mm", *(f"{1e-6 * fit.E:.2f}" for fit in fits), slacks, errors]
 
 
-def _meshes() -> str:
+def _meshes() -> list[str]:
     twins: list[tuple[int, Curve]] = []
     for tets, refinement, sectors in MESHES:
         shape = Neck(DIAMETER, tets=tets, sectors=sectors, waist_refinement=refinement)
@@ -171,21 +155,10 @@ def _meshes() -> str:
         ]
         for (n, twin), of_mesh in zip(twins, forces, strict=True)
     ]
-    lines = "\n".join(table(header, rows))
-    return f"""## What the mesh makes of it
-
-With contact, an outer diameter of {1e3 * DIAMETER:.0f} mm and a Poisson's ratio of {MOST_RATIO:g}, to which the
-fits with a free ratio tend: tension at three shortenings, for E {1e-6 * YOUNGS_MODULUS:g} MPa, over that on the finest
-mesh, and the fits of the three tests.
-
-{lines}
-
-The first mesh is the one that is shipped: 2 to 3 % too stiff; its errors in the three tests are within 0.011 N of
-those on the finest.
-"""
+    return table(header, rows)
 
 
-def _scale() -> str:
+def _scale() -> dict[str, list[str]]:
     linear = [_linear(n) for n, _, _ in AUTHORS[:2]]
     forces = [
         [
@@ -214,37 +187,13 @@ def _scale() -> str:
     ]
     one, other = (match.diameter for match in matches)
     levers = [f"lever {1e3 * lever:.0f} mm" for lever in LEVERS]
-    parts = [
-        "## The authors' mesh table, and the scale",
-        "",
-        f"[Their page]({SOURCE}) states forces and pitches (45.8°)",
-        "of linear tets: 14.01 N with 2,363 tets, 11.15 N with 9,676; the E and ν of their fits are "
-        "2.3 MPa and 0.43. It",
-        "states no D, lever or displacement. Force of softcal's linear tets (P1) with that E and ν, "
-        "within 5 % as many, at",
-        "their pitch, and their force over it:",
-        "",
-        *table(["tets", "D", *levers], forces),
-        "",
-        f"Each of the first three changes alone makes the forces equal, from D {1e3 * DIAMETER:.0f} mm and a lever of "
-        f"{1e3 * CABLE_RADIUS:.0f} mm; the last two",
-        "together also make their pitch that of 40 mm of pull:",
-        "",
-        *table(["tets", "D", "lever", "E", "lever for 40 mm", "D with it"], changes),
-        "",
-        "By powers of D and lever fitted to the table above: outside of it, as for the lever alone, a rough value.",
-        f"Both meshes give nearly the same D, {_mm(one)} and {_mm(other)}: the tables differ in scale,",
-        "not in the share of the mesh. Such a lever does not fit under the plate, and the "
-        "photographs allow 36 to 40 mm",
-        "for D, so neither alone is a likely explanation. The inside of the links, which no "
-        "silhouette shows, may be softer.",
-        "",
-        f"E [MPa] of the bench tests with these values (P2P1, ν {BENCH_RATIO:g}; of {AUTHORS[1][0]:,} tets):",
-        "",
-        *table(["changed", "D", "lever", "E, 20 mm", "E, 40 mm", "E, 60 mm"], moduli),
-        "",
-    ]
-    return "\n".join(parts)
+    return {
+        "forces": table(["tets", "D", *levers], forces),
+        "changes": table(["tets", "D", "lever", "E", "lever for 40 mm", "D with it"], changes),
+        "D of the coarse": [_mm(one)],
+        "D of the fine": [_mm(other)],
+        "moduli": table(["changed", "D", "lever", "E, 20 mm", "E, 40 mm", "E, 60 mm"], moduli),
+    }
 
 
 def _forces(curves: Mapping[tuple[float, float], Curve], diameter: float, pitch: float) -> list[float]:

@@ -10,6 +10,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
+from sphinx.util import logging
+
 ROOT = Path(__file__).parents[1]
 URLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
 # What the docs workflow publishes: main, with each notebook beside its script.
@@ -18,8 +20,10 @@ COLAB = URLS["Repository"].replace("https://github.com", "https://colab.research
 sys.path.insert(0, str(ROOT))
 
 import softcal  # noqa: E402
+from scripts import gallery_cost  # noqa: E402
 from scripts.reference import linked, write_reference  # noqa: E402
 
+logger = logging.getLogger(__name__)
 project = "softcal"
 author = "the maintainers of softcal"
 release = version = softcal.__version__
@@ -78,6 +82,8 @@ sphinx_gallery_conf: dict[str, Any] = {
     "show_memory": False,
     "show_signature": False,
     "write_computation_times": False,
+    "reset_modules": ("matplotlib", "seaborn", "scripts.gallery_cost.clock"),
+    "reset_modules_order": "both",
     "capture_repr": (),
     "matplotlib_animations": False,
     "thumbnail_size": (400, 280),
@@ -119,8 +125,16 @@ def use(app: Any, what: str, name: str, _: object, options: object, lines: list[
         lines += ["", ".. rubric:: In the gallery", "", f".. minigallery:: {name}", ""]
 
 
+def cost(app: Any, failed: Exception | None) -> None:
+    """At the end: the CPU minutes of the gallery; a warning, which is an error, where they are too many."""
+    said, is_too_much = gallery_cost.sentence(Path(app.srcdir) / "gallery", ROOT / "gallery")
+    if failed is None:
+        (logger.warning if is_too_much else print)(said)
+
+
 def setup(app: Any) -> None:
     """Before any page is read, the pages that come from elsewhere are written."""
+    app.connect("build-finished", cost)
     app.connect("builder-inited", lambda app: write_reference(Path(app.srcdir) / "reference"), priority=100)
     app.connect("source-read", link)
     app.connect("autodoc-process-docstring", use, priority=900)  # after the sections are read

@@ -74,7 +74,10 @@ if TYPE_CHECKING:
     from softcal.materials.catalogue import register_law as register_law
     from softcal.materials.law import Law as Law
     from softcal.materials.parameter import Parameter as Parameter
+    from softcal.mechanics.actuator import ActuatorLimits as ActuatorLimits
+    from softcal.mechanics.actuator import ActuatorTerm as ActuatorTerm
     from softcal.mechanics.path_limits import PathLimits as PathLimits
+    from softcal.mechanics.term import Connectivity as Connectivity
     from softcal.project.project import Project as Project
     from softcal.project.project import load as load
     from softcal.quantities import Quantity as Quantity
@@ -161,7 +164,9 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Actuator": "softcal.twin.actuated",
+    "ActuatorLimits": "softcal.mechanics.actuator",
     "ActuatorSensor": "softcal.sensing.sensor",
+    "ActuatorTerm": "softcal.mechanics.actuator",
     "Body": "softcal.twin.robot",
     "BoxObstacle": "softcal.geometry.obstacle",
     "Cable": "softcal.twin.robot",
@@ -176,6 +181,7 @@ _HOMES = {
     "Clamp": "softcal.twin.clamp",
     "Column": "softcal.report.tables",
     "Command": "softcal.twin.protocol",
+    "Connectivity": "softcal.mechanics.term",
     "Contact": "softcal.twin.barrier",
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
@@ -304,7 +310,9 @@ _HOMES = {
 
 __all__ = [
     "Actuator",
+    "ActuatorLimits",
     "ActuatorSensor",
+    "ActuatorTerm",
     "Body",
     "BoxObstacle",
     "Cable",
@@ -319,6 +327,7 @@ __all__ = [
     "Clamp",
     "Column",
     "Command",
+    "Connectivity",
     "Contact",
     "Dataset",
     "DatasetError",

@@ -75,6 +75,16 @@ def test_what_is_said_of_opencrs_score_is_what_the_score_is() -> None:
     )
 
 
+def test_the_readme_has_the_errors_of_the_page() -> None:
+    text = " ".join((PAGE.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    told = re.findall(r"within ([\d.]+) mm \(its authors' model: ([\d.]+) mm\)", text)
+    expected = [
+        tuple(f"{float(row_of(case, method)[2].split(' / ')[0]):.1f}" for method in ("**softcal**", rival))
+        for case, rival in (("tentacle", "SoRoMoX"), ("opencr-v4", "OpenCR-MuJoCo"))
+    ]
+    assert told == expected == [("9.6", "17.4"), ("5.7", "9.4")]
+
+
 def test_markup_of_a_table_from_elsewhere_is_shown_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("softcal.plugins.bench.page._pictures", lambda case, found: {})
     method, value = "<script>alert(1)</script> [x](javascript:a) `b` **c**\n# d", "<img src=x onerror=a> ![y](z)"

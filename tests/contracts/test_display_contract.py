@@ -22,9 +22,12 @@ from test_notebook import Cells
 
 import softcal
 from softcal.analysis.importance import ImportanceStudy, Index, OutputImportance, Pair, Range
+from softcal.analysis.validation import Prediction, Validation
+from softcal.calibration.results.result import HeldOut
 from softcal.display import LONGEST, brief, displayed
 
 SCRIPT = "<script>alert(1)</script>"
+TIME = softcal.TimeSettings(time_step=0.01)
 LARGEST = 40_000  # characters of a table, without its pictures
 
 
@@ -72,6 +75,10 @@ def met(tmp_path_factory: pytest.TempPathFactory) -> list[object]:
     tests = [mooney_coupon("a", "uniaxial", (2e5, 5e4)), mooney_coupon("b", "planar", (2e5, 5e4))]
     table = "specimen,experiments.pull.file\np1,p1.csv\np2,p2.csv\n"
     fleet = softcal.fleet(write_fleet(home / "fleet", (1.0, 1.1), table), out=home / "fleet-run", starts=1)
+    (body,) = project.robot.bodies
+    heavy = replace(project.robot, bodies=(replace(body, density=1100.0),))
+    best = calibrations.headline
+    left_out = replace(best, held_out={"pull": HeldOut(1.0, best.experiments["pull"])})
     return [
         project,
         softcal.simulate(project, snapshots=True),
@@ -88,6 +95,11 @@ def met(tmp_path_factory: pytest.TempPathFactory) -> list[object]:
         fleet,
         softcal.compare_laws(tests, ["mooney-rivlin", "gent"]),
         importance(),
+        softcal.reach(path, {"plate.pitch": 0.05}),
+        softcal.workspace(path, ["plate.x"], limits={"tension": (0.0, 2.0)}, states=20),
+        softcal.linearise(heavy, {"front": 1.0}, modes=2),
+        Validation({"bar": (Prediction(("pull",), left_out),)}),
+        softcal.simulate_in_time(heavy, softcal.ramp({"front": ("tension", 1.0)}, 0.05), TIME),
         softcal.Schedule(np.array([0.0, 1.0]), {}),
         softcal.straight((0, 0, 0), (0, 0, 0.1), 4),
         softcal.Limit("points", 10),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import io
+import json
 import re
 import tokenize
 import tomllib
@@ -12,9 +13,11 @@ from pathlib import Path
 import pytest
 
 import softcal
+from scripts import gallery_cost
 
 GALLERY = Path(__file__).parents[2] / "gallery"
 SCRIPTS = sorted(GALLERY.glob("*/plot_*.py"))
+BUILT = GALLERY.parent / "docs" / "gallery" / gallery_cost.FILE
 LEAST, MOST = 20, 60  # lines of code
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
@@ -56,6 +59,33 @@ def test_the_notebooks_install_the_extras_that_the_scripts_need() -> None:
     assert left_out == {"cluster", "watch", "all"}
     text = "".join(path.read_text(encoding="utf-8") for path in SCRIPTS)
     assert not re.search("dask|slurm|softcal watch|softcal new", text)
+
+
+def test_what_the_scripts_take_is_summed_and_too_much_is_said(tmp_path: Path) -> None:
+    """Of scripts that are there; of one that was not run again, what it took when it was."""
+    pages = tmp_path / "gallery"
+    pages.mkdir()
+    settings = {"src_dir": str(tmp_path)}
+    for script in SCRIPTS[:2]:
+        gallery_cost.clock(settings, str(script), "before")
+        sum(range(3_000_000))
+        gallery_cost.clock(settings, str(script), "after")
+    file = pages / gallery_cost.FILE
+    took = json.loads(file.read_text(encoding="utf-8"))
+    assert took.keys() == {script.name for script in SCRIPTS[:2]}
+    assert all(0.01 < seconds < 10.0 for seconds in took.values())
+    file.write_text(json.dumps({**took, SCRIPTS[2].name: 719.0, "plot_gone.py": 500.0}), encoding="utf-8")
+    said, is_too_much = gallery_cost.sentence(pages, GALLERY)
+    assert said.startswith("The gallery's 3 scripts take 12.0 CPU minutes of at most 12; most: " + SCRIPTS[2].name)
+    assert not is_too_much
+    file.write_text(json.dumps({**took, SCRIPTS[2].name: 721.0}), encoding="utf-8")
+    assert gallery_cost.sentence(pages, GALLERY)[1]
+
+
+@pytest.mark.skipif(not BUILT.is_file(), reason="the site is not built")
+def test_the_gallery_as_it_was_built_is_within_its_time() -> None:
+    said, is_too_much = gallery_cost.sentence(BUILT.parent, GALLERY)
+    assert not is_too_much, said
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)

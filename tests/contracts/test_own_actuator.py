@@ -39,9 +39,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from softcal import Actuator, ActuatorSensor, ChannelKind, ViaPoint, quantity, register_actuator, register_sensor
-from softcal.mechanics.actuator import ActuatorLimits, ActuatorTerm, Drives
-from softcal.mechanics.term import Connectivity
+from softcal import Actuator, ActuatorLimits, ActuatorSensor, ActuatorTerm, ChannelKind, Connectivity, ViaPoint
+from softcal import quantity, register_actuator, register_sensor
+from softcal.mechanics.actuator import Drives
 
 EXTENSION = ChannelKind("extension", "m", "Extension", drives="coordinate", offset=("play", quantity("length")))
 THRUST = ChannelKind("thrust", "N", "Thrust", drives="effort", gain=("thrust_gain", quantity("positive ratio")))
@@ -157,7 +157,7 @@ IN_FILES = PUSH_ROD.replace("foot: tuple[float, float, float]", "foot: Point").r
     "head: tuple[float, float, float]", "head: Point"
 )
 IN_FILES = IN_FILES.replace("softness: float = 1e-5", "softness: Compliance = 1e-5").replace(
-    "from softcal.mechanics.term", "from softcal.quantities import Compliance, Point\nfrom softcal.mechanics.term"
+    "from softcal.mechanics", "from softcal.quantities import Compliance, Point\nfrom softcal.mechanics"
 )
 OWN = """  actuators:
     motor: {actuator: push-rod, foot: [60 mm, 0 mm, 60 mm], head: [10 mm, 0 mm, 80 mm], on: bar, softness: 0.02 mm/N}

@@ -128,7 +128,9 @@ def test_charts_of_a_chamber_are_of_pressure_over_volume() -> None:
     assert [axes.get_ylabel() for axes in draw_record(record).axes] == ["Pressure [kPa]", "m1.x [mm]"]
     assert {axes.get_xlabel() for axes in draw_record(record).axes} == {"Pumped volume [ml]"}
     experiment = Experiment("stroke", record, drive=("main.volume",), compared=("main.pressure",))
-    fit = experiment_fit(experiment, Observation({"main.pressure": strokes(2e-6).values("main.pressure")}, Derivatives(), {}, {}))
+    fit = experiment_fit(
+        experiment, Observation({"main.pressure": strokes(2e-6).values("main.pressure")}, Derivatives(), {}, {})
+    )
     figure = draw_loops("stroke", record, fit)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("Pumped volume [ml]", "Pressure [kPa]")
     measured, simulated = (np.asarray(line.get_xydata()) for line in figure.axes[0].lines)

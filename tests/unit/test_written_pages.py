@@ -6,16 +6,18 @@ import importlib.util
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks import contact, mesh_table, neck_shape
 from benchmarks.written_page import page_values, written_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(path for path in (ROOT / "docs").glob("*.md") if "<!--{" in path.read_text(encoding="utf-8"))
 
 
-def test_eight_pages_have_numbers_of_commands() -> None:
-    assert len(PAGES) == 8
+def test_eleven_pages_have_numbers_of_commands() -> None:
+    assert len(PAGES) == 11
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -56,3 +58,61 @@ def test_the_neck_of_the_first_page_is_as_the_export_draws_it_now() -> None:
     for name in ("twin.js", "twin.css"):
         part = (ROOT / "src" / "softcal" / "report" / "templates" / name).read_text(encoding="utf-8").strip()
         assert part in page, name
+
+
+def rows_of(table: str) -> list[list[str]]:
+    """The cells of a Markdown table, without its header."""
+    return [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines()[2:]]
+
+
+def test_the_mesh_table_is_written_as_it_is_from_its_own_rows() -> None:
+    """Numbers that follow from others are those of the page, up to the digits that the page does not have."""
+    told = page_values((page := mesh_table.PAGE).read_text(encoding="utf-8"))
+    kinds = {kind.name: kind for kind in mesh_table.KINDS}
+
+    def row(kind: mesh_table.Kind, tets: str, unknowns: str, force: str, pitch: str, seconds: str) -> mesh_table.Row:
+        counts = (int(number.replace(",", "")) for number in (tets, unknowns))
+        return mesh_table.Row(kind, *counts, float(force[:-2]), float(pitch[:-1]), float(seconds), 0)
+
+    linear = [row(mesh_table.LINEAR, c[3], "0", *c[4:]) for c in rows_of(told["linear"])]
+    every = [row(kinds[c[0]], *c[1:4], *c[6:]) for c in rows_of(told["locking-free"])]
+    families = [[one for one in every if one.kind is kind] for kind in mesh_table.KINDS]
+    written = mesh_table.values(linear, families)
+    assert {**written, "machine": ""}.keys() == told.keys()
+    rounded = {"pitch": told["pitch"], "meaning": told["meaning"]}  # from digits that the page does not have
+    assert written_page(page, {**written, **rounded, "machine": told["machine"]}) == page.read_text(encoding="utf-8")
+    for own, present in zip(rows_of(written["meaning"]), rows_of(told["meaning"]), strict=True):
+        assert own[:2] == present[:2]
+        assert abs(float(own[2][:-2]) - float(present[2][:-2])) <= 1.0
+        assert abs(float(own[3]) - float(present[3])) < 0.011
+
+
+def test_the_page_of_contact_has_a_mark_for_all_that_is_written() -> None:
+    found = contact.Found([["contact"] + ["1"] * 11], 0.0, 0.014, "13.9")
+    told = page_values(contact.PAGE.read_text(encoding="utf-8"))
+    written = {**contact.values(dict.fromkeys(contact.ELEMENTS, found)), "tets": "", "E": "", "ratio": ""}
+    assert written.keys() == told.keys()
+    assert written["P2P1 differs"] == told["P2P1 differs"] == "14.0 mm"
+    assert written["P1"].splitlines()[0] == told["P1"].splitlines()[0]
+
+
+def test_the_page_of_the_necks_shape_has_a_mark_for_all_that_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a line in the place of every curve of the twin."""
+    pulled = np.linspace(0.0, neck_shape.FARTHEST, 125)
+
+    def line(shape: neck_shape.Neck, lever: float, *_: object, **__: object) -> neck_shape.Curve:
+        tension = 1e8 * shape.outer_diameter**4 / lever**2 * pulled
+        return neck_shape.Curve(pulled, tension, np.degrees(pulled / lever))
+
+    monkeypatch.setattr(neck_shape, "curve", line)
+    monkeypatch.setattr(neck_shape, "fitted", lambda twin: [neck_shape.Fit(3e6, 1e-3, 0.1)] * 3)
+    monkeypatch.setattr(neck_shape, "MESHES", ((2000, 10, 6),))
+    written = neck_shape.values()
+    told = page_values(neck_shape.PAGE.read_text(encoding="utf-8"))
+    assert written.keys() == told.keys()
+    for name in ("bench", "meshes", "forces", "changes", "moduli"):
+        assert written[name].splitlines()[0] == told[name].splitlines()[0]
+        rows, present = rows_of(written[name]), rows_of(told[name])
+        assert [row[0] for row in rows] == [row[0] for row in present[: len(rows)]]
+        assert len(rows) == len(present) or name == "meshes"
+    assert [row[:3] for row in rows_of(written["bench"])] == [row[:3] for row in rows_of(told["bench"])]

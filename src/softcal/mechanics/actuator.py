@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.display import displayed
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.term import BlockColumns, Controls, Given, Sum, Term
 
@@ -27,6 +28,7 @@ NO_EFFORT = 1e-7  # of the largest effort of its kind: a smaller one counts as z
 SWITCHING = "actuators keep switching between driven and at a limit of their effort (cables: taut and slack)"
 
 
+@displayed
 @dataclass(frozen=True)
 class ActuatorLimits:
     """Names of an actuator's coordinate and effort, and the limits of the effort.
@@ -60,6 +62,7 @@ class Drives(NamedTuple):
     corner: Floats
 
 
+@displayed
 @dataclass(frozen=True)
 class ActuatorTerm(Term):
     """Actuators of one kind. first: the number of its first one among the system's, set by `build_system`."""

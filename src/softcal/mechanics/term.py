@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.display import displayed
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
@@ -74,7 +75,9 @@ class Given(NamedTuple):
     memory: Floats = NOTHING
 
 
-class Connectivity(NamedTuple):
+@displayed
+@dataclass(frozen=True)
+class Connectivity:
     """The connectivity of a term's tangent.
 
     Attributes

@@ -50,6 +50,8 @@ def test_a_finger_is_set_up_by_clicks(tmp_path: Path, serve: Callable[..., Serve
     assert {one.name: one.sd for one in project.uncertain}["cable.tension_drift"] == 0.01
     page.get_by_text("Write project.yaml").click()
     seen.wait_for(lambda: "was not replaced" in seen.fact("written"), "nothing is overwritten")
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert complaints(seen) == []
     assert elsewhere(seen) == []
     assert sorted(one.name for one in tmp_path.iterdir()) == [

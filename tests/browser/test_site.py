@@ -14,6 +14,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 from browser.conftest import Seen
+from browser.test_watch_page import complaints
 
 import softcal
 from scripts.reference import FAMILIES, FILE, OUTSIDE, linked
@@ -27,14 +28,20 @@ PAGES = ["index", "start", "faq", "mechanics", "reference/keys", "reference/comm
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built site, from a copy of what it is built from."""
+    """The built site: that of `make docs` where nothing has changed since, else of a copy of what it is built from."""
+    built, sources = ROOT / "docs" / "_build", ("docs", "examples", "gallery", "src", "scripts", "pyproject.toml")
+    last = built / "searchindex.js"  # written at the end
+    listed = subprocess.run(["git", "ls-files", *sources], cwd=ROOT, capture_output=True, text=True, check=False)
+    files = [ROOT / name for name in listed.stdout.splitlines()]
+    if files and last.is_file() and all(one.is_file() and one.stat().st_mtime < last.stat().st_mtime for one in files):
+        return built
     folder = tmp_path_factory.mktemp("site") / "copy"
     left_out = (".git", ".venv", "__pycache__", "_build", "reference", "run", "runs", ".*_cache", ".hypothesis")
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*left_out))
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", "built"]
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "docs", "docs/_build"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    return folder / "built"
+    return folder / "docs" / "_build"
 
 
 @pytest.mark.slow
@@ -47,6 +54,21 @@ def test_a_page_fits_its_screen_without_a_complaint(
     assert seen.complaints == []
     assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
     assert all(urlsplit(address).scheme in ("file", "data") for address in seen.requests), "it needs no network"
+
+
+@pytest.mark.slow
+def test_a_page_is_dark_where_the_system_is(site: Path, look: Callable[..., Seen]) -> None:
+    seen = look((site / "start.html").as_uri())
+
+    def colour(what: str, of: str) -> list[int]:
+        found = f"getComputedStyle(document.querySelector('{of}')).{what}.match(/\\d+/g).slice(0, 3).map(Number)"
+        return seen.page.evaluate(found)
+
+    seen.page.emulate_media(color_scheme="light")
+    assert min(colour("backgroundColor", "body")) > 192 > 64 > max(colour("color", "article p"))
+    seen.page.emulate_media(color_scheme="dark")
+    seen.wait_for(lambda: max(colour("backgroundColor", "body")) < 64, "it stays light")
+    assert min(colour("color", "article p")) > 192
 
 
 @pytest.mark.slow
@@ -66,17 +88,25 @@ def test_the_search_finds_a_word(site: Path, look: Callable[..., Seen]) -> None:
 
 @pytest.mark.slow
 def test_every_link_of_the_site_leads_somewhere(site: Path, look: Callable[..., Seen]) -> None:
-    seen, dead, n = look((site / "index.html").as_uri()), list[str](), 0
+    seen, links, places = look((site / "index.html").as_uri()), dict[str, list[str]](), dict[Path, set[str]]()
     for page in sorted(site.rglob("*.html")):
         seen.page.goto(page.as_uri())
-        for address in seen.page.eval_on_selector_all("a[href]", "all => all.map(one => one.href)"):
+        links[str(page.relative_to(site))] = seen.page.eval_on_selector_all(
+            "a[href]", "all => all.map(one => one.href)"
+        )
+        places[page] = set(seen.page.eval_on_selector_all("[id]", "all => all.map(one => one.id)"))
+    dead, n = list[str](), 0
+    for page, addresses in links.items():
+        for address in addresses:
             at = urlsplit(address)
             if at.scheme == "file":
                 n += 1
-                if not Path(unquote(at.path)).is_file():
-                    dead.append(f"{page.relative_to(site)}: {address}")
+                file, place = Path(unquote(at.path)), unquote(at.fragment)
+                if not file.is_file() or place not in ("", *places.get(file, {place})):
+                    dead.append(f"{page}: {address}")
     assert n > 1000
     assert dead == []
+    assert complaints(seen) == []
     own = {path.stem for path in (ROOT / "docs").glob("*.md")}
     assert own.isdisjoint({"search", "genindex", "py-modindex"}), "pages that the site makes itself"
 
@@ -105,7 +135,7 @@ def test_every_example_opens_in_colab_from_the_branch_that_has_its_notebook(site
         path = str(page.relative_to(site).with_suffix(".ipynb"))
         assert link == branch + path
         # Where the workflow takes it, to lay it into gallery/, whose folders have the same names.
-        cells = json.loads((site.parent / "docs" / path).read_text(encoding="utf-8"))["cells"]
+        cells = json.loads((site.parent / path).read_text(encoding="utf-8"))["cells"]
         first = "".join(cells[0]["source"])
         assert f"git clone -q --depth 1 --branch notebooks {address} /content/softcal\n" in first
         assert (ROOT / path).with_suffix(".py").is_file()

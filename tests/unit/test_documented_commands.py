@@ -176,6 +176,7 @@ NOT_HERE = {
     "softcal intervals RUN --by posterior": "minutes; tests/unit/test_calibration_posterior.py",
     "softcal intervals RUN --by jackknife --over markers": "a dozen fits; tests/unit/test_intervals_command.py",
     "softcal intervals RUN --by bootstrap --over experiments": "a hundred fits; tests/unit/test_intervals_command.py",
+    "softcal simulate finger/project.yaml --pull tendon=20mm": "the finger; tests/unit/test_crossings.py",
     "softcal sweep project.yaml --over": "a hundred cells; tests/unit/test_sweep.py",
     "softcal reach run --to tip.x=20mm,tip.x_stiffness=300N/m": "minutes; tests/verification/test_reach.py",
     "softcal workspace run --of tip.x,tip.z": "half a minute; tests/verification/test_workspace.py",

@@ -153,8 +153,8 @@ CALLS: list[Call] = [
     # What is computed
     (
         softcal.pull,
-        {"robot": ROBOT, "cable": "front", "control": "tension", "end": 1.0},
-        {"robot": "part", "cable": "name", "control": "name", "end": "number", "samples": "count"},
+        {"robot": ROBOT, "actuator": "front", "control": "tension", "end": 1.0},
+        {"robot": "part", "actuator": "name", "control": "name", "end": "number", "samples": "count"},
     ),
     (softcal.simulate, {"twin": ROBOT}, {"protocol": "mapping", "theta": "mapping", "experiment": "text"}),
     (softcal.simulate, {}, {"twin": "part"}),
@@ -287,12 +287,13 @@ MADE = (
     "PrimitiveShape Project Proposal RecordFit ReportContent Response SweepResult Swept"
 )
 LOOKED_AT = "ChannelKind ExportRequest Limit NamedSensor Quantity ReportTable"
+DERIVED = ("ActuatorTerm",)  # abstract: its fields are those of a class of its author
 
 
 @pytest.mark.parametrize("name", [name for name in dir(softcal) if is_dataclass(getattr(softcal, name))])
 def test_every_part_that_a_user_makes_checks_its_fields(name: str) -> None:
     part = getattr(softcal, name)
-    assert issubclass(part, Checked) or name in (*MADE.split(), *LOOKED_AT.split())
+    assert issubclass(part, Checked) or name in (*MADE.split(), *LOOKED_AT.split(), *DERIVED)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.declare import Checked, OrInfinite
 from softcal.display import displayed
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.term import BlockColumns, Controls, Given, Sum, Term
@@ -30,7 +31,7 @@ SWITCHING = "actuators keep switching between driven and at a limit of their eff
 
 @displayed
 @dataclass(frozen=True)
-class ActuatorLimits:
+class ActuatorLimits(Checked):
     """Names of an actuator's coordinate and effort, and the limits of the effort.
 
     is_motion: whether its unknown is no effort but a motion, and its equation a balance of efforts, as of a pulley.
@@ -39,8 +40,8 @@ class ActuatorLimits:
     name: str
     coordinate: str
     effort: str
-    least_effort: float = -np.inf
-    most_effort: float = np.inf
+    least_effort: OrInfinite = -np.inf
+    most_effort: OrInfinite = np.inf
     is_motion: bool = False
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.declare import Checked
 from softcal.display import displayed
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.layout import Layout
@@ -77,7 +78,7 @@ class Given(NamedTuple):
 
 @displayed
 @dataclass(frozen=True)
-class Connectivity:
+class Connectivity(Checked):
     """The connectivity of a term's tangent.
 
     Attributes

@@ -37,7 +37,7 @@ def test_the_number_of_laws_is_that_of_the_catalogue(repository: Path):
     told = {"README.md": r"(\d+) \[laws\]", "docs/comparison.md": r"^\| laws \| (\d+),"}
     for document, pattern in told.items():
         (number,) = re.findall(pattern, (repository / document).read_text(encoding="utf-8"), re.MULTILINE)
-        assert int(number) == len(LAWS), document
+        assert int(number) == len(LAWS) - len(LAWS.registered), document
 
 
 def test_every_script_of_the_gallery_is_listed(repository: Path):

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.errors import InputError
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import nearest_places
 from softcal.project.document import Findings, KeyPath
@@ -360,10 +359,12 @@ def build_limits(
     """
     found: dict[str, tuple[float, float]] = {}
     for key, ends in given.items():
-        with findings.at(("robot", "actuator_limits", key)):
+        path = ("robot", "actuator_limits", key)
+        with findings.at(path):
             quantity = next(iter(limited_channels(actuators, key).values()), None)
             low, high = (0.0, 0.0) if quantity is None else (parse_quantity(end, quantity.unit) for end in ends)
             if faults := limits_faults(actuators, key, low, high):
-                raise InputError([replace(fault, where="") for fault in faults])
-            found[key] = low, high
+                findings.take(path, [replace(fault, where="") for fault in faults])
+            else:
+                found[key] = low, high
     return found

@@ -135,7 +135,7 @@ def yaml_blocks(document: str) -> list[str]:
 
 
 def sections() -> set[str]:
-    return {*FILE, "softcal", "name"}
+    return {*(place.partition(".")[0] for place in FILE), "softcal", "name"}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)

@@ -24,7 +24,8 @@ from softcal.geometry.neck import Neck
 from softcal.twin.build import build_twin
 from softcal.twin.simulate import simulate
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "mesh-table.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE = DOCS / "mesh-table.md"
 # Tets, force [N], pitch [deg]: the authors' table, by SOFA with linear tets.
 AUTHORS = ((2363, 14.01, 45.803), (9676, 11.15, 45.813), (17633, 10.80, 45.788), (37308, 10.18, 45.791))
 FINEST = 37000

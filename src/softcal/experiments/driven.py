@@ -44,11 +44,6 @@ class DrivenChannels:
         """True for a cable, whose tension is never below zero."""
         return self.kinds[1] == TENSION
 
-    @property
-    def effort_in_words(self) -> str:
-        """What it is loaded by: "force" of a cable, else the name of the effort."""
-        return "force" if self.is_cable else self.kinds[1].name
-
     def along(self, channels: Collection[str]) -> str:
         """The channel along which a record runs: the coordinate, or the effort where the record has only that."""
         return self.effort if self.coordinate not in channels and self.effort in channels else self.coordinate

@@ -15,10 +15,10 @@ import numpy as np
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.experiments.dataset import Dataset
-from softcal.report.format import WORDS, channel_scale, in_a_word, joined, number
+from softcal.report.format import channel_scale, joined, number
 from softcal.report.format import worst as worst_ones
 from softcal.report.tables import share_of_range
-from softcal.sensing.channel import ChannelName, channel_name
+from softcal.sensing.channel import WORDS, ChannelName, channel_name, in_a_word
 
 # RMS error over the measurement's range: close below the first share, poor above the second.
 CLOSE, POOR = 0.03, 0.10

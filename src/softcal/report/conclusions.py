@@ -28,7 +28,6 @@ from softcal.report.format import (
     MANY,
     few,
     find_parameter,
-    in_a_word,
     joined,
     number,
     parameter_label,
@@ -38,7 +37,7 @@ from softcal.report.headline import headline
 from softcal.report.positions import fit_sentence, prediction_sentence
 from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
-from softcal.sensing.channel import channel_name, of_actuator
+from softcal.sensing.channel import channel_name, in_a_word, of_actuator
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, format_quantity
 

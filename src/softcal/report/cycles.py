@@ -8,9 +8,9 @@ from softcal.calibration.results.fit import has_cycles
 from softcal.calibration.results.result import CycleFit, ExperimentFit, SearchResult
 from softcal.experiments.hysteresis import Loop, loops
 from softcal.report.content import ReportContent
-from softcal.report.format import channel_scale, in_a_word, number
+from softcal.report.format import channel_scale, number
 from softcal.report.tables import Cell, Column, ReportTable
-from softcal.sensing.channel import channel_name, driven_pair
+from softcal.sensing.channel import channel_name, driven_pair, in_a_word
 from softcal.sensing.sensors.cable import TENSION
 
 _OF_RECORD = "The twin was fitted to chosen samples of these records; the table has what was measured."

@@ -44,16 +44,6 @@ def channel_scale(si_unit: str) -> Scale:
     return scale_of(si_unit, 1e3 if si_unit == "Pa" else 1e6)
 
 
-# What kinds of channel are called in sentences, those of the most interest first; any other one by its name.
-WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
-
-
-def in_a_word(channel: str) -> str:
-    """What a channel is called in sentences, whoever carries it: "force", "travel", "pressure"."""
-    kind = channel_name(channel).kind
-    return WORDS.get(kind.name, kind.name)
-
-
 def axis_label(channel: str) -> str:
     """The axis of a channel of an actuator in its display unit, whichever actuator it is: "Pressure [kPa]"; of a
     shortening as testing machines have it, "Displacement [mm]".

@@ -138,6 +138,16 @@ def positions(point: str) -> tuple[ChannelName, ...]:
     return tuple(ChannelName(kind, point) for kind in axes)
 
 
+# What kinds of channel are called in sentences, those of the most interest first; any other one by its name.
+WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
+
+
+def in_a_word(channel: str) -> str:
+    """What a channel is called in sentences, whoever carries it: "force", "travel", "pressure"."""
+    kind = channel_name(channel).kind
+    return WORDS.get(kind.name, kind.name)
+
+
 def driven_pair(names: Iterable[str]) -> tuple[str, str] | None:
     """The channels of the coordinate and of the effort of the one actuator of which both are among some names; None
     where there is none, or several.

@@ -16,6 +16,7 @@ from softcal.experiments.driven import DrivenChannels, driven
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import curve, cycle_rows
 from softcal.experiments.steps.noise import white_noise
+from softcal.sensing.channel import in_a_word
 from softcal.units import format_quantity
 
 CycleClass = Literal["first", "preconditioning", "stable"]
@@ -109,7 +110,7 @@ def find_cycles(
     heights = [float(smooth[start : end + 1].max()) for start, end in bounds]
     ends = (min(heights), max(heights), float(floors.min()), float(max(floors[1:-1], default=floors.min())))
     low, high, least, most = (format_quantity(sign * end, unit) for end in ends)
-    returns = f"the {of.effort_in_words} returns to {least} to {most}"
+    returns = f"the {in_a_word(of.effort)} returns to {least} to {most}"
     outcome = f"{len(bounds)} whole cycle(s), peaks {low} to {high}, {returns}"
     if len(bounds) < len(peaks):
         outcome += f"; {len(peaks) - len(bounds)} cut short and left out"
@@ -275,7 +276,7 @@ def _with_ways_out_and_back(travel: Floats, bounds: list[tuple[int, int]]) -> li
 
 
 def _no_cycle(dataset: Dataset, of: DrivenChannels, limit: float) -> DatasetError:
-    effort, unit, word = dataset.values(of.effort), of.units[1], of.effort_in_words
+    effort, unit, word = dataset.values(of.effort), of.units[1], in_a_word(of.effort)
     return DatasetError(
         Fault(
             "no whole load-unload cycle was found",

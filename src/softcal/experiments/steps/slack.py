@@ -13,6 +13,7 @@ from softcal.experiments.dataset import Dataset, Step
 from softcal.experiments.driven import DrivenChannels, driven
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import take_branch
+from softcal.sensing.channel import in_a_word
 from softcal.units import format_quantity
 
 _MIN_SAMPLES = 3  # on the floor, and on the rising line
@@ -87,7 +88,7 @@ def find_slack(dataset: Dataset, threshold: float | None = None, by: str | None 
     floor, stiffness, rmse = _two_lines(s, force, taut)
     if best == 0 or stiffness <= 0.0:
         at = format_quantity(sign * float(force[0]), unit)
-        raise _no_floor(dataset, of, f"the {of.effort_in_words} rises from its first sample, {at}")
+        raise _no_floor(dataset, of, f"the {in_a_word(of.effort)} rises from its first sample, {at}")
     return TautPoint(sign * taut, sign * floor, stiffness, rmse)
 
 
@@ -133,7 +134,7 @@ def remove_slack(
     words = f"{of.coordinate} measured from the taut point at {format_quantity(taut, unit)}"
     if found is not None:
         words += (
-            f"; {of.effort_in_words} floor {format_quantity(found.floor, effort_unit)}, stiffness after it "
+            f"; {in_a_word(of.effort)} floor {format_quantity(found.floor, effort_unit)}, stiffness after it "
             f"{of.slope_in_words(found.stiffness)}, two lines fit to {format_quantity(found.rmse, effort_unit)}"
         )
         if subtract_floor:
@@ -173,7 +174,7 @@ def _two_lines(s: Floats, force: Floats, taut: float) -> tuple[float, float, flo
 
 
 def _no_floor(dataset: Dataset, of: DrivenChannels, got: str) -> DatasetError:
-    word = of.effort_in_words
+    word = in_a_word(of.effort)
     begins = "the cable slack" if of.is_cable else f"a {word} that does not rise"
     free = "slack" if of.is_cable else of.kinds[0].offset[0] if of.kinds[0].offset else ""
     return DatasetError(

@@ -15,9 +15,9 @@ from softcal.experiments.dataset import Dataset
 from softcal.experiments.steps.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import axis_label, channel_scale, in_a_word, joined
+from softcal.report.format import axis_label, channel_scale, joined
 from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, count_axis, house_style, new_figure
-from softcal.sensing.channel import channel_name, driven_pair, kinds
+from softcal.sensing.channel import channel_name, driven_pair, in_a_word, kinds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

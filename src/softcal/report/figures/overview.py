@@ -12,10 +12,10 @@ from softcal.checks import Floats
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.figures.force_displacement import effort_axes
-from softcal.report.format import channel_scale, in_a_word, result_label
+from softcal.report.format import channel_scale, result_label
 from softcal.report.headline import headline
 from softcal.report.style import SERIES, house_style, new_figure
-from softcal.sensing.channel import channel_name, driven_pair
+from softcal.sensing.channel import channel_name, driven_pair, in_a_word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -113,6 +113,31 @@ def test_other_stop_signals_are_raised_held_and_noted_as_ctrl_c_is(number: signa
     assert done == ["all of it"]
 
 
+class LockOfPython:
+    """Ctrl-C while it is released, as in `threading.Condition.wait`: then it is released a second time."""
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *problem: object) -> None:
+        raise RuntimeError("release unlocked lock")
+
+
+def test_what_fails_because_of_a_stop_is_the_stop_and_other_failures_stay() -> None:
+    with pytest.raises(KeyboardInterrupt), stoppable(), stoppable(), LockOfPython():
+        press_ctrl_c()
+    with pytest.raises(RuntimeError, match="release unlocked lock"), stoppable(), LockOfPython():
+        pass
+
+    def fail_after_a_stop() -> None:
+        with stoppable():
+            with contextlib.suppress(KeyboardInterrupt):
+                press_ctrl_c()
+            raise ValueError("after it")
+
+    with pytest.raises(ValueError, match="after it"):
+        fail_after_a_stop()
+
+
 class PressedAtItsEnd:
     """Asks to stop in its finalizer, where Python drops what is raised."""
 

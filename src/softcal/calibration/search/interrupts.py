@@ -94,7 +94,11 @@ class Stop:
 
 @contextmanager
 def stoppable() -> Generator[Stop]:
-    """Record a request to stop within this block, so that the following work is not begun."""
+    """Record a request to stop within this block, so that the following work is not begun.
+
+    What fails because of the stop is the stop: a lock of Python's own that is interrupted while it is released raises
+    RuntimeError in the place of KeyboardInterrupt.
+    """
     stop = Stop()
 
     def noted(answer: _Handler) -> _Handler:
@@ -108,7 +112,19 @@ def stoppable() -> Generator[Stop]:
         return note
 
     with _answered({number: noted(answer) for number, answer in _heard().items()}):
-        yield stop
+        try:
+            yield stop
+        except Exception as error:
+            if stop.by is not None and stop.by in _causes(error):
+                raise stop.by from None
+            raise
+
+
+def _causes(error: BaseException) -> Generator[BaseException]:
+    """The exceptions during whose handling an error was raised, the latest first."""
+    while error.__context__ is not None:
+        error = error.__context__
+        yield error
 
 
 def _heard() -> dict[int, _Handler]:

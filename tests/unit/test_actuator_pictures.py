@@ -15,7 +15,8 @@ from mechanics_cases import blown_box, column_robot, elastic, side_cable
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.observation import Observation
 from softcal.calibration.results.fit import experiment_fit
-from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.driven import DrivenChannels, driven_whole
 from softcal.export.vtk import write_vtk
 from softcal.mechanics.elements import ELEMENTS
 from softcal.report.check_figures import robot_scenes
@@ -26,7 +27,7 @@ from softcal.report.plots import furthest_shape
 from softcal.report.robot_view import ROUTE, WALL, actuator_legend
 from softcal.report.scene import Part, Surface
 from softcal.report.scene_twin import twin_scenes
-from softcal.sensing.channel import channel_unit, driven_pair
+from softcal.sensing.channel import channel_unit
 from softcal.twin.actuated import NamedActuator, effort_shares
 from softcal.twin.actuators.drive import Drive
 from softcal.twin.loads import walls
@@ -99,11 +100,29 @@ def test_cables_of_a_drive_have_its_name() -> None:
         (["main.pressure", "m1.x", "main.volume"], ("main.volume", "main.pressure")),
         (["servo.torque", "left.tension", "right.tension", "servo.angle"], ("servo.angle", "servo.torque")),
         (["main.pressure", "other.volume", "main.volume_sd"], None),
+        (["tension", "a.pressure", "a.volume"], ("a.volume", "a.pressure")),
         (["a.pressure", "a.volume", "b.pressure", "b.volume"], None),
     ],
 )
-def test_a_record_has_the_pair_of_the_one_actuator_with_both(names: list[str], pair: tuple[str, str] | None) -> None:
-    assert driven_pair(names) == pair
+def test_a_record_has_the_one_actuator_with_both(names: list[str], pair: tuple[str, str] | None) -> None:
+    record = Dataset("of names", {name: Channel(np.ones(2), channel_unit(name) or "s") for name in names})
+    of = driven_whole(record)
+    assert (of and of.names) == pair
+
+
+def test_of_two_actuators_the_cycles_are_those_of_one() -> None:
+    """The other one has both channels too, so that names alone do not say which."""
+    record = strokes()
+    other = {"b.volume": record.channels["main.volume"], "b.pressure": record.channels["main.pressure"]}
+    by = (Step("find_cycles", {"by": "main.volume"}),)
+    record = replace(record, channels={**other, **record.channels}, provenance=by)
+    experiment = Experiment("stroke", record, drive=("main.volume", "b.volume"), compared=("main.pressure",))
+    fit = experiment_fit(
+        experiment, Observation({"main.pressure": strokes(2e-6).values("main.pressure")}, Derivatives(), {}, {})
+    )
+    assert fit.driven == PUMP
+    assert "the pressure vanishes at 1.20 ml" in cycle_sentence("a", fit)
+    assert draw_loops("stroke", record, fit, PUMP).axes[0].get_ylabel() == "Pressure [kPa]"
 
 
 def test_efforts_are_shares_of_the_largest_of_their_kind() -> None:
@@ -111,6 +130,9 @@ def test_efforts_are_shares_of_the_largest_of_their_kind() -> None:
     parts = (*cables, MAIN)
     assert effort_shares(parts, {"a": 2.0, "b": -1.0, "main": 0.0}) == {"a": 1.0, "b": 0.5}
     assert effort_shares(parts, {"main": 1e3}, {"main": -4e3}) == {"main": 0.25}
+
+
+PUMP = DrivenChannels("main.volume", "main.pressure")
 
 
 def strokes(lag: float = 1e-6) -> Dataset:
@@ -131,7 +153,7 @@ def test_charts_of_a_chamber_are_of_pressure_over_volume() -> None:
     fit = experiment_fit(
         experiment, Observation({"main.pressure": strokes(2e-6).values("main.pressure")}, Derivatives(), {}, {})
     )
-    figure = draw_loops("stroke", record, fit)
+    figure = draw_loops("stroke", record, fit, PUMP)
     assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("Pumped volume [ml]", "Pressure [kPa]")
     measured, simulated = (np.asarray(line.get_xydata()) for line in figure.axes[0].lines)
     np.testing.assert_allclose([measured[100], simulated[100]], [[10.0, 100.0], [10.0, 100.0]])

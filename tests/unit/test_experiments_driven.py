@@ -274,7 +274,8 @@ def test_cycles_of_a_pressure_are_told_and_drawn_as_such() -> None:
     fit = experiment_fit(test, seen)
     told = cycle_sentence("blown", fit)
     assert re.search(r"In the last cycle the pressure vanishes at 0\.5\d+ ml; the twin's, at 0\.5\d+ ml\.", told), told
-    figure = draw_loops("blown", whole, fit)
+    assert fit.driven is not None
+    figure = draw_loops("blown", whole, fit, fit.driven)
     labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
     assert labels[0] == ("Pumped volume [ml]", "Pressure [kPa]")
     corrected = RecordFit(fit, whole, test.drives)

@@ -40,6 +40,11 @@ class DrivenChannels:
         return coordinate.unit, effort.unit
 
     @property
+    def names(self) -> tuple[str, str]:
+        """The names of both."""
+        return self.coordinate, self.effort
+
+    @property
     def is_cable(self) -> bool:
         """True for a cable, whose tension is never below zero."""
         return self.kinds[1] == TENSION
@@ -88,7 +93,7 @@ def actuator_of(channel: ChannelName) -> DrivenChannels:
 def driven_among(channels: Collection[str], where: str = "") -> DrivenChannels:
     """The actuator that a record with these channels drives.
 
-    It is the cable with short names, or the only actuator, or the only one with coordinate and effort.
+    It is the only one with coordinate and effort, or the cable with short names, or the only actuator.
 
     Parameters
     ----------
@@ -104,15 +109,14 @@ def driven_among(channels: Collection[str], where: str = "") -> DrivenChannels:
     """
     names = [channel_name(channel) for channel in channels]
     there = list(dict.fromkeys(actuator_of(one) for one in names if one.kind.drives and not one.is_deviation))
-    if not there or CABLE in there:
-        return CABLE
     whole = [one for one in there if one.coordinate in channels and one.effort in channels]
-    found = there if len(there) == 1 else whole
-    if len(found) != 1:
+    if len(whole) != 1 and CABLE in there:
+        return CABLE
+    if len(whole or there) > 1:
         got = ", ".join(one.along(channels) for one in there)
         attempt = f"'by: {there[0].along(channels)}' in the step"
         raise DatasetError(Fault("the record has several actuators", where, got, attempt=attempt))
-    return found[0]
+    return next(iter(whole or there), CABLE)
 
 
 def driven(dataset: Dataset, by: str | None = None) -> DrivenChannels:

@@ -6,11 +6,13 @@ from collections.abc import Iterator
 
 from softcal.calibration.results.fit import has_cycles
 from softcal.calibration.results.result import CycleFit, ExperimentFit, SearchResult
+from softcal.experiments.driven import DrivenChannels, driven_whole
 from softcal.experiments.hysteresis import Loop, loops
 from softcal.report.content import ReportContent
 from softcal.report.format import channel_scale, number
 from softcal.report.tables import Cell, Column, ReportTable
-from softcal.sensing.channel import channel_name, driven_pair, in_a_word
+from softcal.sensing.channel import in_a_word
+from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.cable import TENSION
 
 _OF_RECORD = "The twin was fitted to chosen samples of these records; the table has what was measured."
@@ -19,49 +21,42 @@ _OF_RECORD = "The twin was fitted to chosen samples of these records; the table 
 def cycles_tables(content: ReportContent) -> Iterator[ReportTable]:
     """Energy loss and peak of every cycle of the whole records, by the kind of actuator."""
     records = {name: comparison.record for by_name in content.records.values() for name, comparison in by_name.items()}
-    rows: dict[tuple[str, str], list[tuple[Cell, ...]]] = {}
+    rows: dict[tuple[ChannelKind, ChannelKind], list[tuple[Cell, ...]]] = {}
     for name, record in records.items():
-        if has_cycles(record) and (pair := driven_pair(record.channels)) is not None:
-            rows.setdefault(_kinds(pair), []).extend((name, *row) for row in _rows(loops(record), pair))
-    for pair, own in rows.items():
-        columns = (Column("Experiment"), Column("Cycle"), *(Column(*of) for of in _columns(pair)))
-        yield ReportTable(_stem("cycles", pair), "Cycles of the whole records", columns, tuple(own), _OF_RECORD)
+        if has_cycles(record) and (of := driven_whole(record)) is not None:
+            rows.setdefault(of.kinds, []).extend((name, *row) for row in _rows(loops(record), of))
+    for kinds, own in rows.items():
+        columns = (Column("Experiment"), Column("Cycle"), *(Column(*of) for of in _columns(kinds)))
+        yield ReportTable(_stem("cycles", kinds[1]), "Cycles of the whole records", columns, tuple(own), _OF_RECORD)
 
 
 def loops_tables(content: ReportContent) -> Iterator[ReportTable]:
     """Every cycle that was fitted, measured and simulated, by the kind of actuator."""
-    rows: dict[tuple[str, str], list[tuple[Cell, ...]]] = {}
+    rows: dict[tuple[ChannelKind, ChannelKind], list[tuple[Cell, ...]]] = {}
     for label, result in content.results.items():
         for name, fit in result.experiments.items():
-            pair = driven_pair(fit.measured)
-            if not fit.cycles or pair is None:
+            if not fit.cycles or fit.driven is None:
                 continue
-            for row, twin in zip(*(_rows(tuple(side), pair) for side in _both(fit.cycles)), strict=True):
+            for row, twin in zip(*(_rows(tuple(side), fit.driven) for side in _both(fit.cycles)), strict=True):
                 both = (cell for k in (1, 3, 4, 5, 6) for cell in (row[k], twin[k]))
-                rows.setdefault(_kinds(pair), []).append((label, name, row[0], *both))
-    for pair, own in rows.items():
-        named = [of[:2] for k, of in enumerate(_columns(pair)) if k != 1]
+                rows.setdefault(fit.driven.kinds, []).append((label, name, row[0], *both))
+    for kinds, own in rows.items():
+        named = [of[:2] for k, of in enumerate(_columns(kinds)) if k != 1]
         both = (Column(f"{what}{of}", unit) for what, unit in named for of in ("", ", twin"))
         columns = (Column("Calibration"), Column("Experiment"), Column("Cycle"), *both)
-        word = in_a_word(pair[1])
+        word = in_a_word(kinds[1].name)
         note = f"Lost: over the work of loading. The {word} vanishes at the travel of slack and permanent set together."
-        yield ReportTable(_stem("loops", pair), "Cycles, measured and simulated", columns, tuple(own), note)
+        yield ReportTable(_stem("loops", kinds[1]), "Cycles, measured and simulated", columns, tuple(own), note)
 
 
-def _kinds(pair: tuple[str, str]) -> tuple[str, str]:
-    """Kinds of the channels of a coordinate and an effort."""
-    coordinate, effort = (channel_name(channel).kind.name for channel in pair)
-    return coordinate, effort
-
-
-def _stem(name: str, pair: tuple[str, str]) -> str:
+def _stem(name: str, effort: ChannelKind) -> str:
     """The file of a table: with the word for the effort where it is not that of a cable."""
-    return name if pair[1] == TENSION.name else f"{name}-{in_a_word(pair[1])}"
+    return name if effort == TENSION else f"{name}-{in_a_word(effort.name)}"
 
 
-def _columns(pair: tuple[str, str]) -> tuple[tuple[str, str, int], ...]:
+def _columns(kinds: tuple[ChannelKind, ChannelKind]) -> tuple[tuple[str, str, int], ...]:
     """What is told of each cycle, its unit and digits; see `_rows`."""
-    word, (coordinate, effort) = in_a_word(pair[1]), (channel_scale(channel_name(one).kind.unit).unit for one in pair)
+    word, (coordinate, effort) = in_a_word(kinds[1].name), (channel_scale(kind.unit).unit for kind in kinds)
     return (
         (f"Peak {word}", effort, 3),
         ("Peak below the first cycle's", "%", 2),
@@ -93,11 +88,10 @@ def cycle_sentence(experiment: str, fit: ExperimentFit) -> str:
         first, of_twin = (number(side[0].peak_effort / side[-1].peak_effort) for side in _both(cycles))
         text += f" The first peak is {first} times the last; the twin's, {of_twin} times."
     at, of_twin = (side[-1].vanishes_at for side in _both(cycles))
-    pair = driven_pair(fit.measured)
-    if at is not None and of_twin is not None and pair is not None:
-        scale = channel_scale(channel_name(pair[0]).kind.unit)
+    if at is not None and of_twin is not None and fit.driven is not None:
+        scale = channel_scale(fit.driven.units[0])
         at, of_twin = (f"{number(value / scale.factor)} {scale.unit}" for value in (at, of_twin))
-        text += f" In the last cycle the {in_a_word(pair[1])} vanishes at {at}; the twin's, at {of_twin}."
+        text += f" In the last cycle the {in_a_word(fit.driven.effort)} vanishes at {at}; the twin's, at {of_twin}."
     return text
 
 
@@ -105,9 +99,9 @@ def _both(cycles: tuple[CycleFit, ...]) -> tuple[list[Loop], list[Loop]]:
     return [cycle.measured for cycle in cycles], [cycle.simulated for cycle in cycles]
 
 
-def _rows(cycles: tuple[Loop, ...], pair: tuple[str, str]) -> list[tuple[Cell, ...]]:
-    """The number of each cycle, and what `_columns` names; pair: the channels of the coordinate and of the effort."""
-    first, (coordinate, effort) = cycles[0].peak_effort, (channel_scale(channel_name(one).kind.unit) for one in pair)
+def _rows(cycles: tuple[Loop, ...], of: DrivenChannels) -> list[tuple[Cell, ...]]:
+    """The number of each cycle, and what `_columns` names."""
+    first, (coordinate, effort) = cycles[0].peak_effort, map(channel_scale, of.units)
     return [
         (
             loop.number + 1,

@@ -148,20 +148,6 @@ def in_a_word(channel: str) -> str:
     return WORDS.get(kind.name, kind.name)
 
 
-def driven_pair(names: Iterable[str]) -> tuple[str, str] | None:
-    """The channels of the coordinate and of the effort of the one actuator of which both are among some names; None
-    where there is none, or several.
-    """
-    known = {channel_name(name): name for name in names}
-    pairs: dict[str, tuple[str, str]] = {}
-    for of in known:
-        if of.kind.drives and not of.is_deviation:
-            coordinate, effort = (replace(of, kind=kind) for kind in of_actuator(of.kind))
-            if coordinate in known and effort in known:
-                pairs[of.carrier] = known[coordinate], known[effort]
-    return next(iter(pairs.values())) if len(pairs) == 1 else None
-
-
 def of_kind(kind: ChannelKind, names: Iterable[str]) -> list[str]:
     """Names of the channels of a kind, without standard deviations."""
     return [name for name in names if (channel := channel_name(name)).kind == kind and not channel.is_deviation]

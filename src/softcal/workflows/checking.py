@@ -15,13 +15,13 @@ from softcal.checks import Ints
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import Fault, InputError
+from softcal.experiments.driven import driven_whole
 from softcal.geometry.cell import CELLS
 from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.chamber import ChamberTerm
 from softcal.project.project import Project, ProjectSource, project_of
-from softcal.report.format import channel_scale
-from softcal.sensing.channel import TIME, channel_name, driven_pair
+from softcal.sensing.channel import TIME
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
 from softcal.twin.material import Material
@@ -296,11 +296,11 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
     """A warning if no modulus within the bounds can reproduce the measured stiffness, as with kN taken for N."""
     experiment = project.experiments[name]
     data = experiment.dataset
-    pair = driven_pair(data.channels)
-    if pair is None or data.n_samples < 3 or not response.succeeded:
+    of = driven_whole(data)
+    if of is None or data.n_samples < 3 or not response.succeeded:
         return ""
-    measured = _slope(*(data.values(channel) for channel in pair))
-    simulated = _slope(*(response.channels[str(experiment.twin_channel(channel))] for channel in pair))
+    measured = _slope(*(data.values(channel) for channel in of.names))
+    simulated = _slope(*(response.channels[str(experiment.twin_channel(channel))] for channel in of.names))
     if not simulated > 0:
         return ""
     # Factors by which the free moduli can soften and stiffen the twin.
@@ -315,15 +315,12 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
     ratio = measured / simulated
     if low / STIFFNESS_MARGIN <= ratio <= high * STIFFNESS_MARGIN:
         return ""
-    kinds = [channel_name(channel).kind for channel in pair]
-    coordinate, effort = (channel_scale(kind.unit) for kind in kinds)
-    unit, factor = f"{effort.unit}/{coordinate.unit}", effort.factor / coordinate.factor
     return str(
         Fault(
             f"{name}: the measured stiffness is implausible compared with the twin's",
-            got=f"{measured / factor:.4g} {unit}, {ratio:.3g} times the twin's {simulated / factor:.4g} {unit}",
+            got=f"{of.slope_in_words(measured)}, {ratio:.3g} times the twin's {of.slope_in_words(simulated)}",
             allowed=f"{low / STIFFNESS_MARGIN:.3g} to {high * STIFFNESS_MARGIN:.3g} times, by the bounds of the moduli",
-            attempt=f"check the units ({' or '.join(kind.mistake for kind in kinds)}), and the size of the mesh",
+            attempt=f"check the units ({' or '.join(kind.mistake for kind in of.kinds)}), and the size of the mesh",
         )
     )
 

@@ -45,8 +45,8 @@ def experiment_fit(
             away = np.sqrt(sum(errors[part] ** 2 for part in parts))
             distances[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
     cycles: tuple[CycleFit, ...] = ()  # where their samples were looked for, and go both ways
-    of = driven_whole(experiment.dataset)
-    if of is not None and has_cycles(experiment.dataset) and {of.coordinate, of.effort} & seen.predicted.keys():
+    of = driven_whole(experiment.dataset) if has_cycles(experiment.dataset) else None
+    if of is not None and seen.predicted.keys() & set(of.names):
         simulated = {name: replace(one, values=seen.predicted.get(name, one.values)) for name, one in channels.items()}
         both = zip(loops(experiment.dataset), loops(replace(experiment.dataset, channels=simulated)), strict=True)
         cycles = tuple(CycleFit(*pair) for pair in both)
@@ -63,6 +63,7 @@ def experiment_fit(
         bands=_at_all(experiment, bands or {}),
         repeats=_at_all(experiment, repeats or {}),
         cycles=cycles,
+        driven=of if cycles else None,
     )
 
 

@@ -20,6 +20,7 @@ from softcal.calibration.statistics.random_effects import Spread
 from softcal.calibration.statistics.residuals import ResidualRecord
 from softcal.checks import Floats, ReadOnly
 from softcal.display import MOST, displayed, pictures_of
+from softcal.experiments.driven import DrivenChannels
 from softcal.experiments.hysteresis import Loop
 from softcal.html_text import heading, html_table, paragraph, picture
 from softcal.sensing.channel import channel_name
@@ -135,6 +136,8 @@ class ExperimentFit(ReadOnly):
         The same of a further sample of the same experiment: same specimen, set-up and instruments.
     cycles
         The whole cycles of the samples, where they go both ways (`find_cycles`).
+    driven
+        The actuator whose coordinate and effort go through the cycles; None without cycles.
     """
 
     rmse: Mapping[str, float]  # channel ("tension", "pitch", "m4.x") -> RMSE
@@ -149,6 +152,7 @@ class ExperimentFit(ReadOnly):
     bands: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict[str, Floats])
     repeats: Annotated[Mapping[str, Floats], PERHAPS_IN_TABLE] = field(default_factory=dict[str, Floats])
     cycles: tuple[CycleFit, ...] = ()
+    driven: DrivenChannels | None = None
 
     @property
     def alone(self) -> tuple[str, ...]:

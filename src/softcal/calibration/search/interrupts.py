@@ -94,11 +94,7 @@ class Stop:
 
 @contextmanager
 def stoppable() -> Generator[Stop]:
-    """Record a request to stop within this block, so that the following work is not begun.
-
-    What fails because of the stop is the stop: a lock of Python's own that is interrupted while it is released raises
-    RuntimeError in the place of KeyboardInterrupt.
-    """
+    """Record a request to stop within this block, so that the following work is not begun."""
     stop = Stop()
 
     def noted(answer: _Handler) -> _Handler:
@@ -114,17 +110,13 @@ def stoppable() -> Generator[Stop]:
     with _answered({number: noted(answer) for number, answer in _heard().items()}):
         try:
             yield stop
-        except Exception as error:
-            if stop.by is not None and stop.by in _causes(error):
-                raise stop.by from None
-            raise
-
-
-def _causes(error: BaseException) -> Generator[BaseException]:
-    """The exceptions during whose handling an error was raised, the latest first."""
-    while error.__context__ is not None:
-        error = error.__context__
-        yield error
+        except Exception as error:  # because of the stop, as from a lock that was being released
+            cause: BaseException | None = error
+            while cause is not stop.by and cause is not None:
+                cause = cause.__context__
+            if cause is None:
+                raise
+            raise cause from None
 
 
 def _heard() -> dict[int, _Handler]:

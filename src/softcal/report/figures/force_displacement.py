@@ -12,12 +12,13 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.driven import driven_whole
 from softcal.experiments.steps.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import axis_label, channel_scale, joined
 from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, count_axis, house_style, new_figure
-from softcal.sensing.channel import channel_name, driven_pair, in_a_word, kinds
+from softcal.sensing.channel import channel_name, in_a_word, kinds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,17 +29,17 @@ if TYPE_CHECKING:
 def force_displacement(content: ReportContent) -> Iterator[Drawing]:
     """The measurements: effort over coordinate with the samples of the fit, else each channel over time."""
     for name, experiment in content.experiments.items():
-        pair = driven_pair(experiment.prepared.channels) or driven_pair(experiment.raw.channels)
-        if pair is None and any(channel_name(channel).point for channel in experiment.raw.channels):
+        of = driven_whole(experiment.prepared) or driven_whole(experiment.raw)
+        if of is None and any(channel_name(channel).point for channel in experiment.raw.channels):
             continue  # the rows are states with positions, for which a chart over the samples is of no use
-        if pair is not None:
+        if of is not None:
             drawn = experiment.corrected or experiment.raw
             later = steps_between(experiment.prepared, len(drawn.provenance))
             caption = f"{name}: the record in light tones, the samples used for the fit in blue."
             if drawn.cycle is None and later:
                 caption += f" Steps between the two: {joined(later)}."
-            title = f"The measured {in_a_word(pair[1])} of {name}"
-            yield Drawing(draw_force_displacement(experiment, pair), caption, of=name, title=title)
+            title = f"The measured {in_a_word(of.effort)} of {name}"
+            yield Drawing(draw_force_displacement(experiment, of.names), caption, of=name, title=title)
         else:
             later = steps_between(experiment.prepared, len(experiment.raw.provenance))
             used = f"; the fit uses it after {joined(later)}" if later else ""
@@ -87,7 +88,8 @@ def draw_record(data: Dataset) -> Figure:
     """
     names = [name for name in data.channels if name != "time" and not channel_name(name).is_deviation] or ["time"]
     with house_style():
-        if (pair := driven_pair(data.channels)) is not None:
+        if (of := driven_whole(data)) is not None:
+            pair = of.names
             place = {kind: k for k, kind in enumerate(kinds())}
             others = [name for name in names if name not in pair]
             others.sort(key=lambda name: place.get(channel_name(name).kind.name, len(place)))

@@ -9,11 +9,11 @@ import numpy as np
 
 from softcal.calibration.results.result import ExperimentFit
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.driven import DrivenChannels
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import axis_label, channel_scale, file_stem, result_label
 from softcal.report.style import MEASURED, SIMULATED, count_axis, house_style, new_figure
-from softcal.sensing.channel import driven_pair
 from softcal.sensing.sensors.plate import ANGLES
 
 if TYPE_CHECKING:
@@ -25,16 +25,16 @@ def loops(content: ReportContent) -> Iterator[Drawing]:
     """Effort and angles over the coordinate through whole cycles, and the energy that each of them loses."""
     for label, result in content.results.items():
         for name, fit in result.experiments.items():
-            if not fit.cycles:
+            if not fit.cycles or fit.driven is None:
                 continue
             alone = file_stem(label) == file_stem(name)
             who = name if alone else f"{name}, {result_label(label)}"
             caption = f"{who}: whole cycles, measured and simulated, and the energy that each of them loses."
-            figure = draw_loops(name, content.experiments[name].prepared, fit)
+            figure = draw_loops(name, content.experiments[name].prepared, fit, fit.driven)
             yield Drawing(figure, caption, of=name if alone else f"{name} by {label}", title=f"Whole cycles: {who}")
 
 
-def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
+def draw_loops(title: str, data: Dataset, fit: ExperimentFit, of: DrivenChannels) -> Figure:
     """Panels of effort and of every compared angle over the coordinate, and of the energy lost by cycle.
 
     Parameters
@@ -45,9 +45,11 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit) -> Figure:
         The samples, with their cycles.
     fit
         Their measured and simulated values, and the energies of each cycle.
+    of
+        The actuator that goes through the cycles.
     """
     angles = [kind.name for kind in ANGLES if kind.name in fit.simulated]
-    coordinate, effort = driven_pair(fit.measured) or ("shortening", "tension")
+    coordinate, effort = of.names
     cycle = np.zeros(data.n_samples) if data.cycle is None else data.cycle
     with house_style():
         figure = new_figure(5.2, 3.5 + 2.2 * (len(angles) + 1))

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.experiments.driven import driven_whole
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.figures.force_displacement import effort_axes
 from softcal.report.format import channel_scale, result_label
 from softcal.report.headline import headline
 from softcal.report.style import SERIES, house_style, new_figure
-from softcal.sensing.channel import channel_name, driven_pair, in_a_word
+from softcal.sensing.channel import channel_name, in_a_word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,18 +84,18 @@ def overview_curves(content: ReportContent) -> dict[tuple[str, str], dict[str, C
     found: dict[tuple[str, str], dict[str, Curves]] = {}
     for name, fit in content.headline_result.experiments.items():
         experiment = content.experiments[name]
-        data, pair = experiment.prepared, driven_pair(experiment.prepared.channels)
-        if pair is None or experiment.drive not in pair:
+        data, of = experiment.prepared, driven_whole(experiment.prepared)
+        if of is None or experiment.drive not in of.names:
             continue
-        (compared,) = set(pair) - {experiment.drive}
+        (compared,) = set(of.names) - {experiment.drive}
         if len(fit.measured.get(compared, ())) != data.n_samples or compared not in fit.simulated:
             continue
         scale = channel_scale(data.channels[compared].unit).factor
         driven = data.values(experiment.drive) / channel_scale(data.channels[experiment.drive].unit).factor
         measured, simulated = (
-            (driven, values) if compared == pair[1] else (values, driven)
+            (driven, values) if compared == of.effort else (values, driven)
             for values in (np.asarray(side[compared]) / scale for side in (fit.measured, fit.simulated))
         )
-        coordinate, effort = (channel_name(channel).kind.name for channel in pair)
-        found.setdefault((coordinate, effort), {})[name] = measured, simulated
+        coordinate, effort = of.kinds
+        found.setdefault((coordinate.name, effort.name), {})[name] = measured, simulated
     return found

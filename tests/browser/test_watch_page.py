@@ -51,6 +51,7 @@ def status(address: str, **headers: str) -> int:
         return error.code
 
 
+@pytest.mark.slow
 def test_the_page_follows_a_run_and_shows_names_as_text(tmp_path: Path, serve: Serve, look: Look):
     """Trials that come, a failure with its reason, workers, the end, the result, the report."""
     run = write_run(tmp_path / "run", labels=["joint", SCRIPT.replace("/", "|")[:60]], name=SCRIPT)
@@ -127,6 +128,7 @@ def test_a_page_for_other_machines_needs_its_token(tmp_path: Path, serve: Serve,
     assert complaints(seen) == []
 
 
+@pytest.mark.slow
 def test_files_of_a_run_beside_its_report_are_not_served(tmp_path: Path, serve: Serve):
     run = write_run(tmp_path / "run")
     (tmp_path / "secret.txt").write_text("secret")
@@ -161,6 +163,7 @@ def test_files_of_a_run_beside_its_report_are_not_served(tmp_path: Path, serve: 
         assert status(base + path) == 404, path
 
 
+@pytest.mark.slow
 def test_the_end_of_a_server_and_a_port_in_use(tmp_path: Path, serve: Serve):
     run = write_run(tmp_path / "run")
     server = serve(run, "--port", "0")

@@ -65,6 +65,7 @@ def test_a_case_that_fits_something_to_its_predicted_samples_says_so(name: str) 
         assert ("per: experiment" in text) == ("fitted to that" in case.remarks)
 
 
+@pytest.mark.slow
 def test_without_the_examples_their_cases_are_refused_and_the_others_are_listed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,6 +208,7 @@ def test_where_a_translation_is_taken_off_the_unit_and_the_turn_still_count(
         score_file("opencr-v4", path)
 
 
+@pytest.mark.slow
 def test_where_a_translation_is_taken_off_any_origin_will_do(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text(moved("origin", "opencr-v4").text(record_of("opencr-v4").units), encoding="utf-8")

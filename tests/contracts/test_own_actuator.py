@@ -262,6 +262,7 @@ def test_it_is_drawn_by_its_route_and_written_with_its_thrust(push_rod: ModuleTy
     assert grid.field_data["motor.extension [m]"][0] == pytest.approx(extension)
 
 
+@pytest.mark.slow
 def test_it_is_calibrated_and_reported_from_a_project_file(push_rod: ModuleType, tmp_path: Path) -> None:
     truth = {"bar.youngs_modulus": MODULUS, "motor.softness": 5e-5}
     project = load(free_rod_project(tmp_path, **truth))

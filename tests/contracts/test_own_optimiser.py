@@ -104,6 +104,7 @@ def test_the_command_line_knows_it_and_a_run_of_it_goes_on(section: ModuleType, 
 OPTIONS = ("method: golden-section", "method: golden-section, shortest: 0.2, spare: 3")
 
 
+@pytest.mark.slow
 def test_its_options_are_keys_of_the_project_file_and_of_the_command_line(section: ModuleType, tmp_path: Path) -> None:
     path, run = write_project(tmp_path, ONE, NAMED, OPTIONS), tmp_path / "run"
     result = calibrate(load(path), out=run).headline

@@ -130,6 +130,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Path, Any]]:
     return [(path.with_name("changed.yaml"), plain().load(path.read_text(encoding="utf-8"))) for path in paths]
 
 
+@pytest.mark.slow
 @settings(max_examples=80, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_small_project_changed_at_random(small: list[tuple[Path, Any]], data: st.DataObject):
@@ -137,7 +138,7 @@ def test_a_small_project_changed_at_random(small: list[tuple[Path, Any]], data: 
     check_load(path, changed(document, data.draw))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=500, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_small_project_changed_at_random_many_times(small: list[tuple[Path, Any]], data: st.DataObject):

@@ -389,6 +389,7 @@ def posted(page: Page, place: str, packets: str) -> int:
     return int(answer(page, request(place, "POST", body=body, Content_Length=str(len(body))), b"", 0).split()[1])
 
 
+@pytest.mark.slow
 def test_a_packet_that_is_none_of_the_page_s_ends_its_session(tmp_path: Path) -> None:
     client = pytest.importorskip("websockets.sync.client")
     closed = pytest.importorskip("websockets.exceptions").ConnectionClosed

@@ -257,6 +257,7 @@ def can_be_removed(tmp_path: Path):
             path.chmod(0o755)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", parts(CASES, every=20, slow=6))
 def test_hostile_surroundings(case: Case, tmp_path: Path) -> None:
     assert_proper(case, tmp_path)

@@ -46,6 +46,7 @@ def test_constants_are_found_again_without_noise(name: str):
     np.testing.assert_allclose(np.array(terms), np.array(wanted), rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mooney-rivlin", "yeoh"])
 def test_intervals_contain_the_truth(name: str):
     """Of 40 studies 95 % by binomial chance: 34 or more but for one time in a hundred."""

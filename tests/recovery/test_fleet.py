@@ -15,6 +15,7 @@ from softcal.plugins.fleet.workflow import fleet
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "fleet"
 
 
+@pytest.mark.slow
 def test_the_example_finds_its_law_and_its_filaments(tmp_path: Path) -> None:
     found = fleet(EXAMPLE, out=tmp_path / "out")
     with (EXAMPLE / "truth.csv").open(encoding="utf-8") as file:

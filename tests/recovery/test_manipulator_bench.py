@@ -65,6 +65,7 @@ def test_the_images_of_one_state_give_its_markers(generator: ModuleType, truth: 
         assert np.linalg.norm(at - true[m]) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_generator_renders_the_images_that_are_kept(generator: ModuleType, truth: dict[str, Any]) -> None:
     import cv2
 
@@ -111,7 +112,7 @@ def test_what_was_held_out_is_met_far_better_than_by_the_best_cell(project: Proj
             assert 100 * held.fit.distance.rms / held.fit.length < best / 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_modulus_for_all_predicts_worse(project: Project, each: CalibrationResult) -> None:
     one = calibrate(project).headline
     for name, held in each.held_out.items():

@@ -34,6 +34,7 @@ def errors(result: CalibrationResult) -> dict[str, float]:
     return {name: result.parameters[name].value / true - 1 for name, true in MODULI.items()}
 
 
+@pytest.mark.slow
 def test_without_noise_every_modulus_is_found_to_a_thousandth_from_18_load_cases() -> None:
     result = calibrate(bench(*CABLES), starts=1)
     assert max(map(abs, errors(result).values())) < 1e-3
@@ -42,8 +43,8 @@ def test_without_noise_every_modulus_is_found_to_a_thousandth_from_18_load_cases
         assert result.parameters[name].value == pytest.approx(true, abs=2e-5)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", [DistanceLoss(LENGTH), pytest.param(LikelihoodLoss(), marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("loss", [DistanceLoss(LENGTH), LikelihoodLoss()])
 def test_stated_intervals_hold_the_true_moduli_as_often_as_they_say(loss: Loss) -> None:
     # From the true values two or three trajectories suffice; where a search begins does not matter here.
     start = [FreeParameter(p.name, p.unit, p.lower, p.upper, p.scale, start=MODULI[p.name]) for p in FREE]

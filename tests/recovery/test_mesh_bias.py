@@ -73,6 +73,7 @@ def values_on(study: MeshStudy, name: str) -> dict[str, float]:
     return dict(next(one for one in study.finer if one.name == name).values)
 
 
+@pytest.mark.slow
 def test_the_bias_of_linear_tets_is_foretold():
     problem = coarse_problem(neck(), measured_on(halved(neck()), 0.0), PapersLoss(), (E, SLACK))
     result, study = studied(problem)

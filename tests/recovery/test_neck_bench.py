@@ -149,7 +149,7 @@ def test_every_test_is_met_to_the_noise(joint: CalibrationResult) -> None:
         assert fit.rmse["pitch"] < math.radians(0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_by_tension_the_modulus_is_the_same(
     project: Project, true_values: dict[str, float], joint: CalibrationResult
 ) -> None:
@@ -171,7 +171,7 @@ def with_noise(
     return replace(experiment, dataset=replace(experiment.dataset, channels=channels))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_interval_of_a_ratio_ends_where_fits_with_it_held_are_excluded(project: Project) -> None:
     """By tension, with white noise of half the size that a first fit leaves: ν held at an end of its interval costs
     1.96^2.
@@ -270,6 +270,7 @@ def test_the_project_does_not_know_the_truth(true_values: dict[str, float]) -> N
     assert f"{true_values[NU]:g}" not in text
 
 
+@pytest.mark.slow
 def test_the_generator_writes_the_record_that_is_kept(
     generator: ModuleType, truth: dict[str, Any], tmp_path: Path
 ) -> None:

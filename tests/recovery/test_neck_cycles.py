@@ -131,6 +131,7 @@ def told(result: CalibrationResult) -> str:
     return " ".join(note.text for note in result.notes)
 
 
+@pytest.mark.slow
 def test_while_only_pulled_friction_of_pulleys_and_stiffness_are_said_to_be_inseparable(
     project: Project, cycles: ModuleType, truth: dict[str, Any]
 ) -> None:

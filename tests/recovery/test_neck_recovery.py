@@ -97,6 +97,7 @@ def test_least_squares_recovers_from_every_corner_with_linear_tets(start: tuple[
     assert not any(estimate.at_bound for estimate in result.parameters.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", CORNERS)
 def test_least_squares_recovers_with_locking_free_tets(start: tuple[float, float]) -> None:
     result = calibrate(problem("P2P1", start), method="least-squares")

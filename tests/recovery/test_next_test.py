@@ -11,7 +11,7 @@ STUDIES = 8
 WITHIN = 0.2  # of the length that calibrations with the test find
 
 
-@pytest.mark.slow  # some 50 calibrations each
+@pytest.mark.long  # some 50 calibrations each
 @pytest.mark.parametrize(
     "name", ["likelihood", *(pytest.param(name, marks=pytest.mark.long) for name in ("papers", "likelihood-differ"))]
 )

@@ -9,7 +9,7 @@ from benchmarks import search
 KINDS = {kind.name: kind for kind in search.KINDS}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["locking-papers", pytest.param("locking-likelihood", marks=pytest.mark.long)])
 def test_the_default_starts_end_at_the_independent_minimum(name: str) -> None:
     for seed in range(3):

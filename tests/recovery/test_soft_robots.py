@@ -41,7 +41,9 @@ def found(problem: Problem, name: str, start: Sequence[float], true: float) -> N
 
 
 @pytest.mark.slow  # ten seconds each
-@pytest.mark.parametrize("loss", [LikelihoodLoss(), DistanceLoss(LENGTH)], ids=lambda loss: loss.name)
+@pytest.mark.parametrize(
+    "loss", [pytest.param(LikelihoodLoss(), marks=pytest.mark.long), DistanceLoss(LENGTH)], ids=lambda loss: loss.name
+)
 def test_a_tentacle_400_mm_before_a_camera(loss: Loss) -> None:
     problem = tentacle_problem(loss)
     for start in starts(problem.space.size, seed=1, randoms=0):

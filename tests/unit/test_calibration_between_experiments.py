@@ -77,6 +77,7 @@ def test_a_difference_of_which_another_one_would_leave_the_box_is_not_compared()
     assert [(one.column, one.effects.differs) for one in found.between] == [(1, True)]
 
 
+@pytest.mark.slow
 def test_the_band_contains_a_further_experiment_and_is_no_longer_than_that_takes() -> None:
     """Student's t by the differences of four experiments alone, 3.2, would be for errors that are all theirs."""
     inside, lengths = [], []
@@ -111,7 +112,7 @@ def test_a_difference_beyond_the_bounds_is_no_explanation() -> None:
     assert all(one.column != 0 for one in found.between)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_interval_holds_the_mean_of_the_experiments() -> None:
     from scipy.stats import t
 

@@ -44,6 +44,7 @@ def test_white_noise_stays_white_but_for_one_time_in_twenty() -> None:
     assert 0 < alarms <= 300 * 0.08
 
 
+@pytest.mark.slow
 def test_the_scatter_of_the_variance_is_that_of_repeated_records() -> None:
     """Of the mean of a record, by the process of three records: found variances against their stated scatter."""
     answer = np.full((N, 1), 1.0 / N)

@@ -33,6 +33,7 @@ def drifting(one: Estimator) -> set[str]:
     return {source.name for source in one.sources if source.kind == "drift"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
 def test_it_makes_no_standard_error_longer_than_by_half_and_moves_nothing(loss: Loss) -> None:
     @settings(max_examples=25, deadline=None)
@@ -85,7 +86,7 @@ def stated(problem: Problem, *uncertain: UncertainParameter) -> Problem:
     return make_problem(problem.robot, problem.experiments, *of, uncertain=uncertain)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "loss", [LOSSES["likelihood"], pytest.param(LOSSES["papers"], marks=pytest.mark.long)], ids=LOSSES
 )

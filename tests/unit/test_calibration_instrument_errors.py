@@ -66,6 +66,7 @@ def test_data_with_such_an_error_move_the_estimate_by_half_its_interval(loss: Lo
     assert best.parameters["front.slack"].moved_by == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", LOSSES.values(), ids=LOSSES)
 def test_a_parameter_at_its_bound_stays_there(loss: Loss) -> None:
     """Where nu is at a bound far from its best value, an error moves E as if nu were known."""

@@ -254,6 +254,7 @@ def test_the_budget_is_kept_and_said_to_be_spent() -> None:
     assert "Not converged after 2 trials, the largest number allowed" in descent.status
 
 
+@pytest.mark.slow
 def test_other_starts_that_see_no_better_minimum_cost_one_trajectory_each() -> None:
     for seed in range(5):
         problem = problem_of(PapersLoss(), noise=0.02)

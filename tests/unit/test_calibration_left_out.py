@@ -117,6 +117,7 @@ def test_a_prior_of_its_own_parameter_counts() -> None:
     assert tied > 2 * free
 
 
+@pytest.mark.slow
 def test_the_bands_of_the_fit_are_kept_with_it(tmp_path: Path) -> None:
     result = calibrate(neck_problem(3), store=tmp_path / "run")
     again = load_result(tmp_path / "run")
@@ -134,7 +135,7 @@ def test_the_bands_of_the_fit_are_kept_with_it(tmp_path: Path) -> None:
     assert np.median(result.experiments["t0"].bands["tension"]) == pytest.approx(1.96e-3 * top, rel=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "loss", [pytest.param(PapersLoss(), marks=pytest.mark.long), LikelihoodLoss()], ids=["papers", "likelihood"]
 )
@@ -164,6 +165,7 @@ def test_of_two_bands_one_is_for_samples_of_the_same_set_up_and_one_for_a_new_on
     assert 0.93 <= np.mean(new) <= 1.0
 
 
+@pytest.mark.slow
 def test_a_held_out_test_with_an_offset_of_its_own_has_the_band_that_its_fit_leaves() -> None:
     """Its own offset is fitted to it, and takes up errors of what is shared."""
     names = ("t0", "t1", "t2")

@@ -65,6 +65,7 @@ def test_the_interval_reaches_the_finer_mesh(element: str) -> None:
     assert any("errors of the mesh" in str(note) for note in without.notes)
 
 
+@pytest.mark.slow
 def test_its_share_is_what_a_mesh_study_foretells() -> None:
     coarse = robot("P2P1")
     problem = problem_of(coarse, halved(coarse))

@@ -64,6 +64,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 def test_no_more_draws_are_effective_than_are_made():
     """The chain is longer than what is kept of it, and the percentiles are those of what is kept."""
     problem, _ = CASES["linear"]
@@ -72,7 +73,7 @@ def test_no_more_draws_are_effective_than_are_made():
     assert 50 < facts["effective draws"] < 200
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "samples"),
     [
@@ -94,6 +95,7 @@ def test_the_draws_are_those_of_the_density(name: str, samples: int):
         assert np.array(drawn[label]) == pytest.approx(np.array(expected[label]), abs=WITHIN * sd), label
 
 
+@pytest.mark.slow
 def test_of_a_linear_twin_the_percentiles_are_the_quick_interval():
     problem = CASES["linear"][0]
     found = posterior(problem, values(problem))
@@ -119,6 +121,7 @@ def test_noise_of_few_samples_gives_the_tails_of_student():
         assert one.difference == pytest.approx(0.0, abs=0.2), label
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_draws():
     problem = CASES["linear"][0]
     theta = values(problem)

@@ -85,6 +85,7 @@ def by_fits(problem: Problem, theta: dict[str, float]) -> np.ndarray:
     return ends
 
 
+@pytest.mark.slow
 def test_of_a_curved_twin_it_is_what_fits_at_fixed_values_give():
     problem = curved()
     theta = values(problem)
@@ -131,6 +132,7 @@ def test_an_end_behind_points_that_cannot_be_simulated_is_unknown():
     assert "No equilibrium beyond 12.0 mm." in note
 
 
+@pytest.mark.slow
 def test_two_workers_find_the_same():
     problem = curved()
     theta = values(problem)

@@ -30,6 +30,7 @@ def test_experiments_that_agree_have_no_spread() -> None:
     assert found.error == pytest.approx(np.sqrt(1 / 3))  # no shorter than by the noise within
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("k", "dof"), [(3, 3.0), (4, 10.0), (4, EXACT)])
 def test_alike_experiments_are_called_different_one_time_in_twenty(k: int, dof: float) -> None:
     chance = np.random.default_rng(5)

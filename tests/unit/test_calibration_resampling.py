@@ -159,6 +159,7 @@ def test_the_draws_of_a_linear_model_scatter_as_its_sandwich_says():
     assert np.corrcoef(draws.T)[0, 1] == pytest.approx(sandwich[0, 1] / np.sqrt(np.prod(np.diag(sandwich))), abs=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [LikelihoodLoss(), PapersLoss()])
 def test_of_alike_experiments_both_say_that_nothing_differs(loss: Loss):
     problem = linear_problem(loss, names=SIX, noise=0.9)

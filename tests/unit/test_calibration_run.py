@@ -156,6 +156,7 @@ def test_any_number_of_workers_gives_the_same_result(method: str, trials: int) -
     same(one, two)
 
 
+@pytest.mark.slow
 def test_tpe_is_the_same_search_for_any_number_of_workers() -> None:
     alone, two, three = (calibrate(problem_of(), method="tpe", trials=14, seed=4, workers=n) for n in (1, 2, 3))
     for other in (two, three):
@@ -390,6 +391,7 @@ def _with_two_workers(folder: Path, tmp_path: Path) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_real_ctrl_c_ends_the_workers_and_keeps_every_trial(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     process = _with_two_workers(folder, tmp_path)

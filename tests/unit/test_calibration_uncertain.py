@@ -45,6 +45,7 @@ def with_gain(problem: Problem, gain: float) -> Problem:
     return replace(problem, experiments=tuple(believed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [PapersLoss(), LikelihoodLoss()], ids=["papers", "likelihood"])
 def test_its_share_is_the_change_of_the_estimate(loss: Loss) -> None:
     problem = problem_of(fake_robot(), [measured(), measured("again", seed=1)], FREE, loss, uncertain=UNCERTAIN)
@@ -87,7 +88,7 @@ def held(uncertain: tuple[UncertainParameter, ...]) -> float:
     return hits / n
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_interval_holds_the_truth_only_if_the_gain_is_uncertain() -> None:
     assert held(UNCERTAIN) >= 14 / 16
     assert held(()) < 0.6

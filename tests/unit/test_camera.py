@@ -99,6 +99,7 @@ def views(photographs: list[Image]) -> list[BoardView]:
     return [view for view in found if view is not None]
 
 
+@pytest.mark.slow
 def test_the_camera_of_rendered_images_is_found_again(views: list[BoardView]):
     assert len(views) == 9
     found = calibrate_camera(views, SMALL.width, SMALL.height)

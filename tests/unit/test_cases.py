@@ -18,6 +18,7 @@ from softcal.workflows.simulation import simulate
 SOFTER = ("    noise: {tension", "    settings: {bar.poissons_ratio: 0.2}\n    noise: {tension")
 
 
+@pytest.mark.slow
 def test_an_experiment_is_simulated_as_it_sets_the_robot(tmp_path: Path):
     path, out = write_project(tmp_path, SOFTER), tmp_path / "out"
     project = load(path)

@@ -66,6 +66,7 @@ def swallowed(robot: Robot, pressure: float) -> float:
     return gas * (1.0 - ATMOSPHERE / (ATMOSPHERE + pressure))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pressure", [4e4, 8e4, -4e4, -9e4])
 def test_a_long_hose_takes_up_more_than_the_chamber_itself(pressure):
     robot = box(dead_volume=DEAD)
@@ -243,6 +244,7 @@ def test_a_robot_of_chambers_alone_is_told_of_no_cable():
     assert simulate(box(), Protocol({})).status == "Solved: no actuator is driven."
 
 
+@pytest.mark.slow
 def test_a_vacuum_gauge_with_an_offset_is_calibrated(tmp_path):
     robot = replace(box(dead_volume=5e-6), markers=(Marker("tip", "box", np.array([0.02, 0.02, 0.02])),))
     truth = driven(with_parameters(robot, {"box.youngs_modulus": 7e5}), "pressure", *np.linspace(0, -5e4, 8)).channels

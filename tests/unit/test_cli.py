@@ -333,6 +333,7 @@ SECOND = (
 )
 
 
+@pytest.mark.slow
 def test_each_and_joint(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     path, out = write_project(tmp_path / "p", SECOND), tmp_path / "run"
     code, printed, err = run(capsys, "calibrate", path, "--fit", "both", "--out", out, "--no-report")
@@ -379,6 +380,7 @@ def test_report_from_a_moved_run(capsys: pytest.CaptureFixture[str], finished: P
     assert content.experiments["pull"].raw.n_samples == 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "code", "by"),
     [

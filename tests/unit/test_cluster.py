@@ -66,6 +66,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Generator[DaskProcesses
         yield made
 
 
+@pytest.mark.slow
 def test_every_search_is_that_of_one_process(cluster: DaskProcesses) -> None:
     with executor_on(f"dask:{cluster.address}") as executor:
         for method, trials in METHODS:
@@ -138,6 +139,7 @@ def copied_softcal(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_workers_with_another_softcal_are_refused(tmp_path: Path) -> None:
     other = copied_softcal(tmp_path / "other")
     with DaskProcesses(tmp_path) as cluster:
@@ -350,6 +352,7 @@ def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_jobs_of_a_queue_give_the_same_and_are_cancelled(queue: Path) -> None:
     answer = signal.getsignal(signal.SIGINT)
     with executor_on("slurm:long", 1) as executor:

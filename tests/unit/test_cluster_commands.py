@@ -47,6 +47,7 @@ def test_calibrate(cluster: DaskProcesses, tmp_path: Path) -> None:
     same(first, second)
 
 
+@pytest.mark.slow
 def test_sweep(cluster: DaskProcesses, tmp_path: Path) -> None:
     here, there = run(cluster, "sweep", write_sweep(tmp_path), "--no-report", out=tmp_path / "run")
     first, second = (load_result(place / "calibrations" / "sweep") for place in (here, there))

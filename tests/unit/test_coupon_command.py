@@ -65,6 +65,7 @@ def written(tmp_path_factory: pytest.TempPathFactory):
     return done.output, folder / "out"
 
 
+@pytest.mark.slow
 def test_the_law_that_made_the_data_is_recommended(written: tuple[str, Path]):
     said, folder = written
     record = json.loads((folder / "coupon.json").read_text())

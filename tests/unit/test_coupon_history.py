@@ -116,6 +116,7 @@ def test_a_way_is_kept_where_stresses_are_held_out():
     ]
 
 
+@pytest.mark.slow
 def test_the_block_of_a_material_with_a_history_is_that_of_a_project(tmp_path: Path):
     parts = ("softening", "maxwell-1")
     tests = [pulled("slow", "uniaxial", parts, 0.3), pulled("fast", "uniaxial", parts, 3.0)]

@@ -70,6 +70,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder, said
 
 
+@pytest.mark.slow
 def test_a_rate_between_is_predicted_within_its_band(fitted: tuple[Path, str]):
     folder, said = fitted
     record = json.loads((folder / "out/coupon.json").read_text())

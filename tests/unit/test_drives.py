@@ -105,6 +105,7 @@ def test_counts_and_currents_are_read_by_their_constants(tmp_path: Path) -> None
         assert np.abs(read.values(name) - expected.channels[name]).max() < 4.0 * size
 
 
+@pytest.mark.slow
 def test_modulus_radius_backlash_and_zero_are_found(tmp_path: Path) -> None:
     found = calibrate(project(tmp_path), out=tmp_path / "run")
     (result,) = found.results.values()
@@ -118,6 +119,7 @@ def test_modulus_radius_backlash_and_zero_are_found(tmp_path: Path) -> None:
     assert "servo.angle [deg]" in drawn
 
 
+@pytest.mark.slow
 def test_an_encoders_offset_is_free_as_the_zero_is(tmp_path: Path) -> None:
     """A parameter of the bench that changes the command of the one drive."""
     offset = ("  servo.zero: {bounds: [-10 deg, 10 deg]}", "  servo.angle_offset: {bounds: [-10 deg, 10 deg]}")

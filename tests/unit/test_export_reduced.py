@@ -81,6 +81,7 @@ def read(folder: Path) -> ReducedModel:
     return ReducedModel(folder / "model.json")
 
 
+@pytest.mark.slow
 def test_its_error_at_other_states_is_the_one_stated(fit: ReducedModelFit, read: ReducedModel) -> None:
     """A percentile of a hundred states is one of a thousand others, up to what chance makes of it."""
     inputs = [Input(**one) for one in fit.model["inputs"]]
@@ -221,6 +222,7 @@ def test_of_several_commands_those_near_to_the_start_are_taken(read: ReducedMode
     assert read.inverse({"plate.x": wanted}, start=found)["commands"] == pytest.approx(found, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_load_is_an_input_and_the_inverse_leaves_it(tmp_path: Path) -> None:
     fit = reduced(ROBOT, {"front": Span(0.0, 2.0, "N"), "plate.mass": Span(0.0, 0.2, "kg")}, 40)
     read = evaluator_of(fit.model)
@@ -244,6 +246,7 @@ def loaded() -> ReducedModel:
     return evaluator_of(reduced(ROBOT, {**spans, modulus: Span(0.7e6, 1.4e6, "Pa")}, 120).model)
 
 
+@pytest.mark.slow
 def test_a_filter_is_consistent_and_leads_to_the_payload(loaded: ReducedModel) -> None:
     """Over 200 robots: normalised innovations are chi squared, and 95 % intervals have the truth in 92 to 98 %."""
     rng, names = np.random.default_rng(8), [name for name in loaded.inputs if "." in name]
@@ -507,6 +510,7 @@ def test_without_ranges_they_are_those_of_the_experiments(tmp_path: Path) -> Non
     assert shortening == pytest.approx(furthest, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_command_writes_it(tmp_path: Path) -> None:
     project = write_project(tmp_path / "project")
     out = tmp_path / "out"

@@ -44,6 +44,7 @@ def found(folder: Path) -> Fleet:
     return fleet(folder, out=folder / "out")
 
 
+@pytest.mark.slow
 def test_every_specimen_gets_its_own_modulus(found: Fleet) -> None:
     assert [one.state for one in found.specimens] == ["DONE"] * 6
     for one, factor in zip(found.specimens, FACTORS, strict=True):
@@ -86,6 +87,7 @@ def test_two_processes_find_the_same(folder: Path, found: Fleet) -> None:
     assert [one.parameters for one in again.specimens] == [one.parameters for one in found.specimens]
 
 
+@pytest.mark.slow
 def test_a_stopped_fleet_is_resumed(
     folder: Path, found: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -281,6 +283,7 @@ def test_another_table_does_not_go_on_with_a_fleet(folder: Path, found: Fleet, t
         fleet(folder, out=tmp_path / "new", trails=2)
 
 
+@pytest.mark.slow
 def test_a_report_of_other_specimens_is_kept_aside(
     folder: Path, found: Fleet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -328,6 +331,7 @@ def test_a_report_of_other_specimens_is_kept_aside(
     assert (out / "report.old-3" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_statement(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(["fleet", str(folder), "--out", str(tmp_path / "out"), "--no-report"])
@@ -341,6 +345,7 @@ def test_the_command_prints_the_statement(folder: Path, tmp_path: Path, capsys: 
     assert "the template cannot be read" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_command_and_the_page_name_what_was_counted_twice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

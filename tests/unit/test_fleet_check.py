@@ -117,6 +117,7 @@ def test_a_fault_that_all_specimens_have_is_the_templates(tmp_path: Path) -> Non
     assert said.startswith("--option trails=2:")
 
 
+@pytest.mark.slow
 def test_one_process_at_a_time_goes_on_with_a_fleet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_fleet(tmp_path, [1.0, 1.1], f"specimen,{FILE}\ns1,p1.csv\ns2,p2.csv\n")
     found: Fleet = fleet(folder, out=folder / "fleet")

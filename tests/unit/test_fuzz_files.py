@@ -209,10 +209,15 @@ for line in sys.stdin:
         "calibrations/pull/result.json",
         "calibrations/pull/run.json",
         "calibrations/pull/optuna.journal",
-        "calibrations/pull/arrays/0.npz",
-        "calibrations/pull/trials.csv",
-        "calibrations/pull/response-pull.csv",
-        "inputs/data/pull.csv",
+        *(
+            pytest.param(one, marks=pytest.mark.long)
+            for one in (
+                "calibrations/pull/arrays/0.npz",
+                "calibrations/pull/trials.csv",
+                "calibrations/pull/response-pull.csv",
+                "inputs/data/pull.csv",
+            )
+        ),
     ],
 )
 def test_commands_on_a_run_with_a_file_changed_at_random_end_with_0_or_2(

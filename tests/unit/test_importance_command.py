@@ -64,6 +64,7 @@ def test_a_run_is_studied_in_its_folder_beside_fanova(studied: Path, capsys: pyt
     assert "the folder is not empty" in message
 
 
+@pytest.mark.slow
 def test_the_report_shows_it_while_the_bounds_are_the_same(studied: Path, tmp_path: Path):
     content = report_content(load_run(studied))
     table = all_tables(content)["importance"]
@@ -88,6 +89,7 @@ def test_the_report_shows_it_while_the_bounds_are_the_same(studied: Path, tmp_pa
         IMPORTANCE.read(other / IMPORTANCE.folder)
 
 
+@pytest.mark.slow
 def test_a_project_is_studied_before_any_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     project = write_project(tmp_path, NARROW)
     code, out, _ = run(capsys, "importance", project, "--out", tmp_path / "study")

@@ -233,6 +233,7 @@ def triangles(n_cycles: int) -> str:
     return "\n".join(["Time [s],Displacement [mm],Force [N],Pitch [deg]", *rows]) + "\n"
 
 
+@pytest.mark.slow
 def test_an_experiment_goes_by_the_times_of_its_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Its first sample is pulled already: the pull grows to it over the ramp, and the table's clock starts there."""
     path, out = write_project(tmp_path, DENSE, with_dynamics(QUICK)), tmp_path / "out"

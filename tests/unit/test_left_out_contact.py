@@ -75,6 +75,7 @@ def test_the_rest_of_an_export_is_that_without_contact(name: str, tmp_path: Path
             assert [line for line in text.splitlines() if EXPORTED[name][0] not in line] == other.splitlines()
 
 
+@pytest.mark.slow
 def test_linear_tets_are_identified_by_the_twin_without_contact(tmp_path: Path) -> None:
     """With friction of contact the twin has no statics."""
     robot = column_robot("P2P1", parameters=elastic(2e6, 0.4), divisions=(1, 1, 3))

@@ -149,6 +149,7 @@ FAINT = 0.06  # [px]
 EYE = (0.0, 0.0, 0.6)  # where the camera is [m]
 
 
+@pytest.mark.slow
 def test_images_from_one_place_do_not_average_away_what_is_alike_in_them():
     bench, view = manipulator(), viewpoints(1)[0]
 

@@ -287,6 +287,7 @@ def test_a_place_moves_as_far_as_its_coordinates_together():
     assert mesh_changes._distance(np.array([[3.0, 3.0], [4.0, 4.0]])) == pytest.approx(5.0)
 
 
+@pytest.mark.slow
 def test_two_workers_find_what_one_process_finds(problem: Problem, optimum: dict[str, float], study: MeshStudy):
     seen: list[tuple[str, int, int | None]] = []
     there = mesh_study(problem, optimum, workers=2, progress=lambda *told: seen.append(told))

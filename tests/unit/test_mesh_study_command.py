@@ -69,6 +69,7 @@ def test_a_run_is_studied_in_its_folder_and_nothing_is_overwritten(
     assert (studied / MESH_STUDY.folder / "mesh-study.json").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_the_files_hold_every_discretisation(studied: Path):
     record = json.loads((studied / MESH_STUDY.folder / "mesh-study.json").read_text(encoding="utf-8"))
     assert record["calibration"] == "pull"
@@ -97,6 +98,7 @@ def test_a_study_is_read_back_as_it_was(studied: Path):
     assert MESH_STUDY.read(studied) is None
 
 
+@pytest.mark.slow
 def test_the_table_fits_eighty_columns(
     calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

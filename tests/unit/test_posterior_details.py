@@ -63,6 +63,7 @@ def test_a_reason_is_given_where_the_draws_show_one():
     assert found["d"] == ""
 
 
+@pytest.mark.slow
 def test_a_linear_twin_far_from_its_bounds_has_no_reason():
     problem = linear_problem(LikelihoodLoss(), noise=0.9)
     found = posterior(problem, values(problem))

@@ -106,6 +106,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[SofaSettings]:
     return seen
 
 
+@pytest.mark.slow
 def test_they_reach_a_simulation(tmp_path: Path, asked: list[SofaSettings]):
     path, out = project_with(tmp_path, ALL), tmp_path / "out"
     done = invoke("simulate", path, "--experiment", "pull", "--engine", "sofa", "--out", out)
@@ -140,6 +141,7 @@ def test_an_exported_scene_names_the_experiment_of_its_schedule(tmp_path: Path):
     assert "experiment `" not in (tmp_path / "one" / "README.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_only_with_the_settings_it_began_with(tmp_path: Path, asked: list[SofaSettings]):
     run = tmp_path / "run"
     options = {"out": run, "method": "grid", "trials": 2, "engine": "sofa"}

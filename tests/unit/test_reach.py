@@ -39,6 +39,7 @@ def test_least_squares_with_inequalities_is_the_minimum(seed: int) -> None:
     assert np.sum((A @ x - b) ** 2) <= end.fun + 1e-7
 
 
+@pytest.mark.slow
 def test_the_commands_are_printed_written_and_replayed(
     project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -77,6 +78,7 @@ def test_a_robot_is_set_and_one_target_is_given_in_the_line(project: Path, capsy
     assert "reached" in soft._repr_html_()
 
 
+@pytest.mark.slow
 def test_a_run_has_its_calibrated_values(project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(capsys, "calibrate", project, "--out", tmp_path / "run", "--no-report")[0] == 0
     code, told, _ = run(capsys, "reach", tmp_path / "run", "--to", "plate.pitch=3deg")
@@ -156,6 +158,7 @@ def test_a_robot_inside_an_obstacle_and_faults_of_its_file_are_refused(
         assert "obstacles.table" not in error
 
 
+@pytest.mark.slow
 def test_obstacles_are_kept_and_the_state_is_drawn(
     project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -270,6 +273,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
+@pytest.mark.slow
 def test_the_bands_are_what_the_ends_of_the_interval_of_the_modulus_give(
     calibrated: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

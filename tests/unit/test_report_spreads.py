@@ -102,6 +102,7 @@ def test_the_mean_of_experiments_is_stated_where_the_value_is_not_near_it() -> N
     assert f"the mean of the tests is {own.mean() / 1e6:.1f}" in remark.text
 
 
+@pytest.mark.slow
 def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_path: Path) -> None:
     own = (0.95, 0.95, 1.0, 1.0, 1.08, 1.08)
     result = fitted(own, folder=tmp_path / "run", set_ups=("a", "a", "b", "b", "c", "c"))
@@ -239,6 +240,7 @@ def test_outliers_and_coarse_readings_are_said_after_a_calibration() -> None:
     assert f"{STEPS}: pitch of pull1, by 5.7 deg." in said(pitch=coarse)
 
 
+@pytest.mark.slow
 def test_how_the_experiments_predict_each_other_is_told_and_kept(tmp_path: Path) -> None:
     result = fitted((1.0, 1.0, 1.0), folder=tmp_path / "run")
     text = left_out_sentence(result)

@@ -61,6 +61,7 @@ def flat(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "render_scenes", lambda *_: Rendering((), ""))
 
 
+@pytest.mark.slow
 def test_surfaces_hold_every_cell_in_ascending_order(content: ReportContent):
     result = content.headline_result
     surfaces = error_surfaces(result)
@@ -157,6 +158,7 @@ SHOWN = f"""  experiments: [cable1]
 """
 
 
+@pytest.mark.slow
 def test_a_sweep_shows_the_configurations_it_names(tmp_path: Path):
     """None of them is a cell; what one leaves out is nominal."""
     project = load(write_sweep(tmp_path / "p", ("  experiments: [cable1]\n", SHOWN)))
@@ -197,6 +199,7 @@ def test_measured_markers_are_brought_into_the_robots_frame(project: Project, co
         np.testing.assert_allclose(turned.configurations[0].measured[name], [y, -x, z], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("flat")
 def test_the_report_of_a_sweep_has_its_figures_and_page(content: ReportContent):
     pictures = report_pictures(content)
@@ -258,6 +261,7 @@ def test_the_best_cell_and_the_failed_ones_are_marked(content: ReportContent):
     assert "nominal values" not in {line.get_label() for line in far.axes[0].lines}
 
 
+@pytest.mark.slow
 def test_what_was_held_out_is_compared_but_not_counted_as_gained(tmp_path: Path):
     project = load(write_sweep(tmp_path / "project"), values={NU: RATIO})
     calibrate(project, out=tmp_path / "run", trials=6, hold_out=["cable2"])

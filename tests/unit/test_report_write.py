@@ -136,6 +136,7 @@ def test_an_unwritable_place_is_one_sentence(tmp_path: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["report.html"]
 
 
+@pytest.mark.slow
 def test_one_parameter_few_trials_and_no_extras_still_give_a_report(tmp_path: Path) -> None:
     experiment = bench_experiment("20mm", 0.02, 2e6, pitch=False)
     result = tpe_result([experiment], 2e6, 0.45, n_trials=4)

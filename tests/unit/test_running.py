@@ -70,6 +70,7 @@ def test_without_a_motion_there_is_no_bar(capsys: pytest.CaptureFixture[str], mo
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_simulate_and_export_say_what_they_are_doing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

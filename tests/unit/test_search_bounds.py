@@ -59,7 +59,7 @@ def bounds_about(value: float, shifts: tuple[float, float], width: float) -> tup
 shares = st.tuples(st.floats(0.02, 1.0), st.floats(0.02, 1.0))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=40)
 @given(
     loss=st.sampled_from(LOSSES),

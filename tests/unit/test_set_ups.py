@@ -92,6 +92,7 @@ def test_an_experiment_without_a_set_up_is_one_by_itself():
     assert [label for label in posed.space.labels if "frame" in label] == ["frame.x[before]", "frame.x[cable2]"]
 
 
+@pytest.mark.slow
 def test_a_parameter_of_the_robot_may_be_a_set_ups_own_but_not_of_what_is_held_out():
     stiff, *others = FREE
     posed = problem(replace(stiff, per_set_up=True), *others)

@@ -40,6 +40,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     return url
 
 
+@pytest.mark.slow
 @storages("mysql")
 def test_the_trials_of_a_process_that_is_killed_are_tried_again(place: str, tmp_path: Path) -> None:
     folders = [tmp_path / "a", tmp_path / "b"]
@@ -106,8 +107,8 @@ def test_hundreds_of_trials_by_eight_processes_two_of_them_killed(place: str, tm
     require_whole(place, 400, folders[2:])
 
 
-@pytest.mark.slow
-@storages("postgresql", "mysql")
+@pytest.mark.long
+@storages()
 def test_processes_that_are_killed_at_random_and_begun_again_lose_and_double_nothing(
     place: str, tmp_path: Path
 ) -> None:

@@ -309,6 +309,7 @@ def test_where_no_step_serves_all_reasons_are_told(engine, monkeypatch):
     ), status
 
 
+@pytest.mark.slow
 def test_a_hang_is_ended(engine, monkeypatch):
     use_fake(monkeypatch, fault="hang@12")
     response = replace(engine, settings=replace(QUICK, timeout=3.0))(column(), pulled(0.01))

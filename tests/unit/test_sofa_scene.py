@@ -346,6 +346,7 @@ def test_controller_follows_the_schedule_until_a_key_is_pressed(tmp_path, monkey
         assert left.value.value == [0.0]
 
 
+@pytest.mark.slow
 def test_foreign_bodies_are_identified_anew_and_say_so(tmp_path):
     robot = column_robot("P2P1", parameters=elastic(2e6, 0.47), divisions=(2, 2, 6))
     protocol = pulled(*np.linspace(0.0, 0.02, 9))

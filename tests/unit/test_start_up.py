@@ -60,6 +60,7 @@ def test_help_loads_nothing_heavy():
     assert heavy_after(RUN_HELP) == []
 
 
+@pytest.mark.slow
 def test_a_slip_in_a_project_file_is_told_before_anything_heavy_is_loaded(tmp_path: Path):
     path = write_project(tmp_path, ("poissons_ratio: 0.42", "poissons_ratoi: 0.42"))
     assert set(heavy_after(MISTYPED.format(project=str(path)))) == READING
@@ -110,6 +111,7 @@ def test_help_and_errors_of_usage_are_in_ascii_where_the_terminal_is(words: list
     assert ("mysql://..." if "--help" in words else words[-1].replace("ö", "o")) in text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to /dev/full")
 @pytest.mark.parametrize("words", [["--help"], ["bench", "list"]])
 def test_output_that_finds_no_room_ends_in_a_sentence(words: list[str]):
@@ -126,6 +128,7 @@ def test_an_unknown_backend_of_matplotlib_does_not_matter():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_members_are_registered_where_python_drops_docstrings():
     told = """
 from softcal.experiments.step import STEPS
@@ -138,6 +141,7 @@ print(STEPS["set_noise"].summary, len(FIGURES), len(EXPORTS))
     assert done.stdout.startswith("set noise ")
 
 
+@pytest.mark.slow
 def test_a_simulation_with_a_law_of_softcals_own_needs_neither_sympy_nor_pint(tmp_path: Path):
     project = write_project(tmp_path / "p")
     code = f"from softcal import load, simulate\nassert simulate(load({str(project)!r})).succeeded"

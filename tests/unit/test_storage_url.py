@@ -168,6 +168,7 @@ def test_a_wrong_password_or_database_is_told_and_never_shown(
     assert "s3cret" not in err
 
 
+@pytest.mark.slow
 def test_a_wrong_password_or_database_of_mysql_is_told_and_never_shown(
     mysql: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -79,6 +79,7 @@ def test_it_is_printed_written_drawn_and_replayed(
     assert "nothing is overwritten" in told
 
 
+@pytest.mark.slow
 def test_a_run_shows_it_in_its_report_while_it_is_at_its_values(
     project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,6 +154,7 @@ def test_what_leaves_no_workspace_is_answered() -> None:
         softcal.workspace(twins, ["tip.x", "tip.z"], controls=by, limits=limits, states=8)
 
 
+@pytest.mark.slow
 def test_a_command_may_be_fixed() -> None:
     limits = {"front.tension": (1.0, 1.0), "left.tension": (0.0, 1.0), "right.tension": (0.0, 1.0)}
     found = softcal.workspace(TENTACLE, ["tip.x", "tip.y"], limits=limits, states=16)

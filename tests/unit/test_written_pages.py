@@ -87,6 +87,7 @@ def test_the_mesh_table_is_written_as_it_is_from_its_own_rows() -> None:
         assert abs(float(own[3]) - float(present[3])) < 0.011
 
 
+@pytest.mark.slow
 def test_the_page_of_contact_has_a_mark_for_all_that_is_written() -> None:
     found = contact.Found([["contact"] + ["1"] * 11], 0.0, 0.014, "13.9")
     told = page_values(contact.PAGE.read_text(encoding="utf-8"))

@@ -70,7 +70,7 @@ def test_every_law_is_fitted_to_treloars_and_the_known_order_is_found(treloar: l
     assert as_printed(found) == printed("Treloar's uniaxial test")
 
 
-@pytest.mark.slow  # twenty seconds: every law, each with tests held out
+@pytest.mark.long  # twenty seconds: every law, each with tests held out
 def test_kawabatas_biaxial_tests_tell_invariants_from_stretches(kawabata: list[Coupon]):
     """Laws in the first invariant alone miss the second axis: they are no better than neo-Hooke's."""
     found = compare_laws(kawabata)

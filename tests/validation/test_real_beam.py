@@ -50,6 +50,7 @@ def kilopascal(estimate) -> float:
     return estimate.value / 1e3
 
 
+@pytest.mark.slow
 def test_both_published_moduli_lie_in_the_interval_of_the_joint_fit(found):
     low, high = found["joint"].parameters[E].interval
     assert low < min(PUBLISHED)
@@ -131,6 +132,7 @@ def test_the_shipped_table_is_what_the_files_give(beam_data, tmp_path):
     assert (tmp_path / "positions.csv").read_text(encoding="utf-8") == shipped
 
 
+@pytest.mark.slow
 def test_a_take_is_calibrated_with_from_its_file(beam_data, tmp_path, found):
     R, t = header_frame("loads")
     place, turn = -R.T @ t, Rotation.from_matrix(R.T).as_rotvec()

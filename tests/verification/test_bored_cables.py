@@ -62,6 +62,7 @@ def test_from_a_plate_through_the_bore_of_its_body_it_bends_the_beam_into_an_arc
     assert angles["straight"] > 1.2 * angles["bore"]
 
 
+@pytest.mark.slow
 def test_straight_from_point_to_point_it_pulls_on_a_longer_arm() -> None:
     """And the more so, the fewer the points: three of them fold the beam."""
     many, few = (turned(beam("straight", n), 0.5 * TO_RIGHT_ANGLE) for n in (49, 7))

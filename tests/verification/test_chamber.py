@@ -112,7 +112,9 @@ SPHERES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", SPHERES)
+@pytest.mark.parametrize(
+    "law", [pytest.param(law, marks=() if law == "mooney-rivlin" else pytest.mark.long) for law in SPHERES]
+)
 def test_a_thick_sphere_is_blown_up_through_its_limit_point(law):
     constants, soft, rate = SPHERES[law]
     robot = balloon(law, constants, soft)
@@ -169,6 +171,7 @@ def tube(law: str, constants: dict[str, float]) -> Robot:
     return Robot((body,), actuators=(NamedActuator("air", Chamber({"tube": wall}, medium="liquid")),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", TUBES)
 def test_a_thick_tube_is_in_plane_strain_at_the_middle(law):
     """Of a long one, but for what its ends pull along the axis, 0.3 % here: the closed form has the stretch there."""
@@ -401,6 +404,7 @@ def test_a_closed_chamber_keeps_its_gas_as_another_is_driven(monkeypatch):
         assert gas_of(robot, "near", shape) == pytest.approx(1.0, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_chamber_of_gas_moves_in_time_to_the_states_at_rest():
     robot = blown_box("P1", is_open=True, medium="gas")
     settings = TimeSettings(time_step=2e-3, rayleigh_mass=200.0, settle=Settling(speed=1e-7))
@@ -440,6 +444,7 @@ def pouch() -> Robot:
     return Robot((body,), actuators=(NamedActuator("main", Chamber({"pouch": wall}, medium="liquid")),))
 
 
+@pytest.mark.slow
 def test_walls_that_a_vacuum_draws_together_touch():
     """With contact they rest on each other, and the volume left hardly falls; without it they pass through."""
     vacuum = Protocol({"main": Command("pressure", np.array([-1e3, -4e3, -8e3, -2e4]))})

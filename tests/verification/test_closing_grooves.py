@@ -256,6 +256,7 @@ def test_kept_factors_serve_while_surfaces_touch(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(kept.channels["front.tension"], fresh.channels["front.tension"], rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_equilibria_on_a_finer_mesh_are_those_of_newtons_method_with_the_exact_tangent(monkeypatch: pytest.MonkeyPatch):
     """From those of the coarse mesh, in which surfaces of the finer one overlap, within 0.2 % of the change."""
     robot = touching(grooved(width=5e-4, across=(8, 1)))

@@ -85,6 +85,7 @@ def spring(contact: bool, pitch: float = 0.008) -> Robot:
     return replace(robot, contact=Contact()) if contact else robot
 
 
+@pytest.mark.slow
 def test_two_blocks_press_with_the_exact_stress():
     """nu = 0: each is in uniaxial stress P = mu (stretch - 1/stretch), less what they overlap."""
     robot = two_blocks()
@@ -99,6 +100,7 @@ def test_two_blocks_press_with_the_exact_stress():
     np.testing.assert_allclose(force[1:], exact, rtol=1e-2)
 
 
+@pytest.mark.slow
 def test_the_force_hardly_depends_on_the_depth():
     robot = two_blocks()
     errors = list[float]()
@@ -353,6 +355,7 @@ def push_of(term: ContactTerm, V: np.ndarray) -> np.ndarray:
     ]
 
 
+@pytest.mark.slow
 def test_cylinders_press_as_hertz_says():
     """The width, by the second moment of the pressure, b^2 / 4, in plane strain at nu = 0; the meshes do not match."""
     errors = [abs(width / hertz - 1.0) for width, hertz in map(pressed_ridges, (12, 24))]

@@ -197,6 +197,7 @@ def test_friction_keeps_the_rod_bent_while_the_motor_turns_through_its_backlash(
     assert pitch[still[1]].min() > 0.1 * pitch.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["angle", "torque"])
 def test_its_derivatives_are_those_of_differences(control: str) -> None:
     """By each of its parameters, by a modulus, and by its command, of every channel."""
@@ -348,6 +349,7 @@ def test_the_deck_of_a_drive_has_its_cables_and_names_its_torque(tmp_path) -> No
     assert f"servo {end.efforts['servo']:.6g} N*m" in (tmp_path / "README.txt").read_text()
 
 
+@pytest.mark.slow
 def test_sofa_pulls_the_cables_of_a_drive_by_its_radii(monkeypatch: pytest.MonkeyPatch) -> None:
     """In the stand-in of tests/fake_sofa; derivatives by the drive's parameters are those of its cables' ways."""
     use_fake(monkeypatch, mechanics="twin")

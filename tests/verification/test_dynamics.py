@@ -180,6 +180,7 @@ def beam(**changes: float) -> Robot:
     return Robot((body,), (), (Cable("tendon", (*via, ViaPoint(np.array([0.0, 0.005, 0.0])))),), markers=(tip,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", ["strain", "tangent"])
 def test_one_solve_and_converged_steps_agree_as_the_step_shrinks(damping):
     schedule = ramp({"tendon": ("tension", 0.05)}, 0.1)
@@ -281,6 +282,7 @@ def test_a_slow_ramp_settles_where_statics_says(name):
         assert response.channels[channel][-1] == pytest.approx(expected.channels[channel][0], abs=1e-6 * size), channel
 
 
+@pytest.mark.slow
 def test_one_solve_settles_there_too():
     settings = TimeSettings(time_step=0.02, scheme="one-solve", settle=Settling(speed=1e-9, hold=0.2))
     for control, value in (("tension", 0.05), ("shortening", 0.4e-3)):

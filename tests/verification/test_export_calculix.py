@@ -111,6 +111,7 @@ def beam_with_cable_inside(heights: np.ndarray) -> Robot:
     return Robot((body,), cables=(Cable("in", (ViaPoint(np.array([0.008, 0.0, 0.0])), *inside), pulled_end="first"),))
 
 
+@pytest.mark.slow
 @needs_ccx
 def test_a_cable_inside_a_slender_beam_pulled_until_it_curls(tmp_path):
     robot = beam_with_cable_inside(np.linspace(0.02, 0.19, 8))
@@ -137,7 +138,7 @@ def neck(element: str) -> Robot:
 @needs_ccx
 @pytest.mark.parametrize(
     ("element", "d"),
-    [("P1", 0.04), pytest.param("P2", 0.04, marks=pytest.mark.slow)],
+    [("P1", 0.04), pytest.param("P2", 0.04, marks=pytest.mark.long)],
     ids=["P1 at 40 mm", "P2 at 40 mm"],
 )
 def test_the_neck_bent_far_is_calculix_own(element, d, tmp_path):

@@ -99,6 +99,7 @@ def closed_form(angle: float, fibre_modulus: float) -> Floats:
     return np.asarray(fsolve(missing, (1.001, 1.001), xtol=1e-12))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angle", "lengthens"), [(35.0, False), (75.0, True)])
 def test_a_braided_tube_is_that_of_the_closed_form(angle: float, lengthens: bool):
     """Wound nearly along the axis it widens and shortens, as a muscle does; nearly around it, it lengthens instead."""
@@ -120,6 +121,7 @@ def test_at_the_neutral_angle_stiff_fibres_let_a_tube_neither_widen_nor_lengthen
         assert abs(closed_form(NEUTRAL + apart, 3e9)[1] - 1.0) > 0.015
 
 
+@pytest.mark.slow
 def test_fibres_of_one_hand_twist_a_tube():
     right, left = (middle_stretches(tube(angle, law="neo-hooke-layered")) for angle in (45.0, -45.0))
     assert right[2] == pytest.approx(-left[2], rel=1e-2)
@@ -137,6 +139,7 @@ def test_the_axis_may_point_anywhere():
     np.testing.assert_allclose(upright[..., 2], np.cos(0.7))
 
 
+@pytest.mark.slow
 def test_the_stiffness_of_the_fibres_has_its_derivative():
     def volumes(E_f: float, **options):
         return simulate(tube(70.0, fibre_modulus=E_f), PUMPED, curve_tolerance=0.0, **options)

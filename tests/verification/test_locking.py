@@ -26,6 +26,7 @@ def cooks_membrane(element: str, n: int, through: int, nu: float = 0.4999) -> fl
     return float((response.snapshots[-1].points["membrane"][corner] - points[corner])[0, 1])
 
 
+@pytest.mark.slow
 def test_cooks_membrane_locks_with_p1_and_not_with_p2p1():
     reference = cooks_membrane("P2P1", 8, 2)
     assert cooks_membrane("P2P1", 4, 2) == pytest.approx(reference, rel=0.02)

@@ -84,7 +84,7 @@ def test_a_constant_rate_is_the_closed_form_whatever_the_samples() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("omega", [0.02, 0.2, 2.0, 20.0])
+@pytest.mark.parametrize("omega", [0.02, 0.2, 2.0, pytest.param(20.0, marks=pytest.mark.long)])
 def test_storage_and_loss_modulus(omega: float) -> None:
     """Over three decades, at the end of an oscillation: G' and G'' of the generalised Maxwell model."""
     n, periods = 200, max(3, int(np.ceil(60.0 * omega / (2.0 * np.pi))))

@@ -79,7 +79,7 @@ def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():
     assert fresh.snapshots[-1].efforts["front"] != pytest.approx(here.efforts["front"], rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_other_samples_are_those_of_a_fresh_path():
     """Of linear tets the walls of the groove rest at several places, and which depends on the nodes before."""
     robot, samples = touching(grooved(element="P2P1", across=(8, 1))), np.linspace(0.2e-3, 4e-3, 25)

@@ -151,7 +151,9 @@ def test_random_targets_are_reached_or_refused_with_a_reason(case: Case) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["neck, 1 cable", "neck, 3 cables by shortening"])
+@pytest.mark.parametrize(
+    "name", ["neck, 1 cable", pytest.param("neck, 3 cables by shortening", marks=pytest.mark.long)]
+)
 def test_the_nearest_state_is_as_near_as_that_of_a_brute_search(name: str) -> None:
     case = next(one for one in cases() if one.name == name)
     assert against_brute(case, drawn(case, 5), 64) == ["5 of 5", "0"]
@@ -176,7 +178,9 @@ OBSTACLES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OBSTACLES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if "box" in name else ()) for name in OBSTACLES]
+)
 def test_the_robot_does_not_enter_an_obstacle_and_is_as_near_to_its_target_as_it_can_be(name: str) -> None:
     obstacle, wanted = OBSTACLES[name], {"tip.x": 0.03, "tip.y": 0.006}
     free = softcal.reach(TENTACLE, wanted, limits={"tension": (0.0, 12.0)}).steps[0]
@@ -359,6 +363,7 @@ def buckling_tension(weight: float) -> float:
     return float(brentq(moment, 0.5 * (PINNED - weight), 1.001 * PINNED))
 
 
+@pytest.mark.slow
 def test_bodies_do_not_pass_through_themselves_and_contact_lets_them_go_on() -> None:
     wanted = {"top.pitch": 0.3}
     step = softcal.reach(notched(), wanted, controls="shortening").steps[0]
@@ -373,6 +378,7 @@ def test_bodies_do_not_pass_through_themselves_and_contact_lets_them_go_on() -> 
     assert pressed.outcome == "reached", pressed.status
 
 
+@pytest.mark.slow
 def test_what_stands_in_an_obstacle_at_rest_or_is_wanted_there_is_said() -> None:
     with pytest.raises(softcal.ParameterError, match=r"the robot at rest is inside the obstacle.*tentacle by"):
         softcal.reach(TENTACLE, {"tip.x": 0.01}, obstacles={"ball": SphereObstacle((0.0, 0.0, -0.1), 0.03)})

@@ -34,6 +34,7 @@ def check(rows, drive):
     return solved / len(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("element", "n"), [("P1", 12), ("P2P1", 5)])
 @pytest.mark.parametrize("drive", PROTOCOLS)
 def test_some_draws_are_solved(mesh, element, n, drive):

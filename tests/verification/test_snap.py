@@ -120,6 +120,7 @@ def test_a_snap_between_two_samples_of_friction_with_a_memory_is_told(roof: Robo
     assert "Not stable before sample 1" in found.instabilities
 
 
+@pytest.mark.slow
 def test_a_slender_robot_falls_along_a_narrow_curved_valley() -> None:
     """The manipulator with soft springs snaps back: what bends it takes a billionth of what stretches it."""
     robot = load(Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml").robot

@@ -99,6 +99,7 @@ def assert_rests_alike(engine: SofaEngine, robot: Robot, protocol: Protocol, tol
     assert theirs.snapshots[-1].efforts["main"] == pytest.approx(ours.channels["main.pressure"][-1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_finger_rests_where_softcal_has_it_by_pressure_and_vacuum(engine):
     """A gas too, whose dead volume SOFA does not know."""
     assert_rests_alike(engine, hanging_finger("P1", is_open=True), pressed(1e4, 4e4, -1e4), 1e-5)

@@ -130,10 +130,12 @@ def test_neck_by_tension(engine):
     assert_neck_as_measured(engine(neck_robot(data), tensed(*[row["tension_N"] for row in rows])), rows)
 
 
+@pytest.mark.slow
 def test_beam(engine):
     assert_beam_as_measured(engine, shared_json("beam-cable.json"))
 
 
+@pytest.mark.slow
 def test_many_parts_rest_where_softcal_has_them(engine):
     """Ties, plates with mass off their reference, one that stands still, loads, weight, markers, cables over all."""
     theirs, ours = assert_many_parts_rest_alike(engine, 2e-6)

@@ -160,6 +160,7 @@ def by_index(index: float) -> float:
     return (1.0 - 3.0 / (16.0 * index**2)) / (1.0 + 1.0 / (2.0 * k * index**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("index", "layers"), [(10.0 / 3.0, 20), (5.0, 24)])
 def test_a_thick_spring_is_stiffer_than_its_rod_by_the_known_share(index, layers):
     """Along the axis by 6.4 % and 2.9 %; sideways by some 2 %."""
@@ -206,7 +207,7 @@ def test_the_manipulator_on_solid_springs():
     assert difference[3] < 0.015 * moved[3]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_manipulator_on_solid_springs_bent_the_most():
     """2 kgf on a cable to S4, which moves it by the whole length."""
     difference, moved = apart("cable6", 19.62)

@@ -82,6 +82,7 @@ def test_the_mobility_is_that_of_the_derivatives_and_the_compliance_that_of_a_fo
         {name: 1.0 / at.stiffnesses(f"{name}_stiffness")[f"{name}_stiffness"] for name in PLANE}, rel=1e-6)  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["tension", "shortening"])
 def test_no_commands_lead_out_of_it_and_all_of_it_is_reached(control: str) -> None:
     limits = {control: (0.0, 2.0 if control == "tension" else 0.008)}
@@ -132,6 +133,7 @@ def test_few_states_end_at_the_fold_as_well(states: int) -> None:
     assert found.least.mobility[-1] == min(state.mobility[-1] for state in (*found.states, found.least))
 
 
+@pytest.mark.slow
 def test_limits_of_channels_and_obstacles_cut_it() -> None:
     limits = {"tension": (0.0, 2.0)}
     free = softcal.workspace(TENTACLE, PLANE, limits=limits, states=32)
@@ -157,6 +159,7 @@ def test_a_column_ends_where_it_buckles() -> None:
     assert found.refused
 
 
+@pytest.mark.slow
 def test_a_robot_that_remembers_is_pulled_from_rest_each_time() -> None:
     found = softcal.workspace(ROUGH, PLANE, limits={"tension": (0.0, 1.0)}, states=8)
     live = LiveTwin(ROUGH, "tension")

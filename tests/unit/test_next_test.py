@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from softcal.analysis.next_test import next_tests
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
 from softcal.calibration.problem.parameters import FreeParameter
-from softcal.calibration.problem.problem import make_problem
+from softcal.calibration.problem.problem import Problem, make_problem
 from softcal.calibration.problem.uncertain import MESH_ERROR
 from softcal.calibration.statistics.intervals import box_intervals
 from softcal.cli import main
@@ -148,7 +150,8 @@ def test_a_candidate_must_not_have_the_name_of_an_experiment(tmp_path: Path, cap
     assert "an experiment has the name of the candidate" in told
 
 
-def test_drives_are_candidates_as_cables_are() -> None:
+def turn_of_a_drive() -> tuple[Problem, float]:
+    """A rod with two drives, of which one was turned; and the largest torque of that test."""
     centre, names = softcal.straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 6), ("left", "right", "front", "back")
     moduli = {"youngs_modulus": 1e9, "poissons_ratio": 0.35}
     spine = softcal.Rod(
@@ -174,14 +177,21 @@ def test_drives_are_candidates_as_cables_are() -> None:
         "tip.pitch": Channel(seen["tip.pitch"], "rad", 1e-3),
     }
     turn = Experiment("turn", Dataset("turn", channels), drive=("servo.angle",))
-    E = "spine.youngs_modulus"
-    problem = make_problem(robot, [turn], [FreeParameter(E, "Pa", 1e8, 1e10, "log")], LikelihoodLoss())
+    problem = make_problem(robot, [turn], [FreeParameter(SPINE_E, "Pa", 1e8, 1e10, "log")], LikelihoodLoss())
+    return problem, float(seen["servo.torque"][-1])
+
+
+SPINE_E = "spine.youngs_modulus"
+
+
+def test_drives_are_candidates_as_cables_are() -> None:
+    problem, torque = turn_of_a_drive()
     candidates = {one.name: one for one in default_candidates(problem)}
     assert {"turn again", "turn 1.5 times as far", "turn by torque", "other as turn"} <= candidates.keys()
     assert candidates["other as turn"].actuator == "other"
-    harder = softcal.Candidate(name="harder", like="turn", control="torque", reach=2.0 * seen["servo.torque"][-1])
+    harder = softcal.Candidate(name="harder", like="turn", control="torque", reach=2.0 * torque)
     outlooks = {
-        one.candidate.name: one for one in next_tests(problem, {E: 1e9}, [*candidates.values(), harder]).outlooks
+        one.candidate.name: one for one in next_tests(problem, {SPINE_E: 1e9}, [*candidates.values(), harder]).outlooks
     }
     assert not [one.failure for one in outlooks.values() if one.failure]
     shares = {name: one.share or np.inf for name, one in outlooks.items()}
@@ -190,7 +200,27 @@ def test_drives_are_candidates_as_cables_are() -> None:
     assert shares["turn again"] < shares["other as turn"] < 1.0  # which leaves the pitch as it is
     wrong = softcal.Candidate(name="wrong", like="turn", control="pressure")
     with pytest.raises(InputError, match="servo of turn has no such control; got 'pressure'; allowed: angle, torque"):
-        as_experiment(wrong, turn)
+        as_experiment(wrong, problem.experiments[0])
+
+
+def test_candidates_beyond_the_limits_of_an_actuator_are_not_possible() -> None:
+    problem, torque = turn_of_a_drive()
+    further = softcal.Candidate(name="further", like="turn", reach=1.2)
+    harder = softcal.Candidate(name="harder", like="turn", control="torque", reach=1.2 * torque)
+    again = softcal.Candidate(name="again", like="turn")
+
+    def failures(limits: dict[str, tuple[float, float]]) -> dict[str, str]:
+        limited = replace(problem, robot=replace(problem.robot, actuator_limits=limits))
+        outlooks = next_tests(limited, {SPINE_E: 1e9}, [again, further, harder]).outlooks
+        return {one.candidate.name: one.failure for one in outlooks if one.failure}
+
+    assert failures({}) == {}
+    beyond = failures({"servo.angle": (-1.0, 1.1)})
+    assert beyond.keys() == {"further"}
+    assert re.search(r"beyond the limits of servo\.angle; got 68\.\d+ deg; allowed: -57\.\d+ to 63", beyond["further"])
+    assert failures({"torque": (-1.0, 1.1 * torque)}).keys() == {"further", "harder"}
+    # The bench has gone further already.
+    assert failures({"servo.angle": (-1.0, 0.5)}) == {}
 
 
 @pytest.mark.slow

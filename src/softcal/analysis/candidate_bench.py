@@ -24,6 +24,7 @@ from softcal.errors import Fault, InputError, SimulationError, unknown
 from softcal.executors.executor import Executor
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.sensors.cable import SHORTENING
+from softcal.twin.actuated import faults_of_limits
 from softcal.twin.parameters import robot_parameters, with_shape
 from softcal.twin.protocol import command_faults
 
@@ -178,8 +179,16 @@ def simulated(
         n_solves += found.n_solves
     if found.loss is None:
         raise SimulationError(f"The twin cannot be simulated at the values found. {found.failure}")
-    plans = [plan for plan in plans if plan.test.name in found.observations]
-    rows = _rows(problem, whole, found)
+    limits = whole.robot.limited
+    for plan in (plan for plan in plans if plan.test.name in found.observations):
+        beyond, before = (
+            faults_of_limits(limits, found.observations[one.name].response) for one in (plan.test, plan.like)
+        )
+        # Limits that the experiment itself left are not those of the bench.
+        if new := [fault for fault in beyond if fault.what not in {one.what for one in before}]:
+            failures[plan.test.name] = " ".join(map(str, new))
+    plans = [plan for plan in plans if plan.test.name in found.observations and plan.test.name not in failures]
+    rows = {name: held for name, held in _rows(problem, whole, found).items() if name not in failures}
     if not mesh_error:
         return Simulated(rows, failures, n_solves, problem.uncertain, NO_MESH)
     finer = mesh_change(whole, values, found, [plan.test.name for plan in plans])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
-from softcal.mechanics.term import BlockColumns
+from softcal.mechanics.term import BlockColumns, LowRank
 
 WEIGHTS_OF_FRAME_LINK = 7  # its weight w, its arm s, and -s
 
@@ -168,6 +169,43 @@ def build_motion(layout: Layout, pattern: Pattern) -> Motion:
         for j in range(i, 3):
             diagonal[:, i, j] = pattern.entry(omega + i, omega + j)
     return Motion(layout, *_folding(layout, pattern), diagonal)
+
+
+def low_rank_product(motion: Motion, state: State, part: LowRank) -> tuple[Floats, Floats]:
+    """Columns and rows (n_unknowns - n_actuators, k) of a product of low rank on the unknowns, by as few as it needs.
+
+    Friction couples every segment of a cable with those before it: a column and a row for each. Of a thousand via
+    points in one mesh there need not be as many, but one for each unknown that the cable touches.
+
+    Parameters
+    ----------
+    motion
+        Map from the unknowns to the points.
+    state
+        The state.
+    part
+        The product on all entities.
+    """
+    columns = motion.reduce_columns(state, part.columns, int(part.ptr[-1]))
+    spans = [_span(columns[:, a:b]) for a, b in pairwise(part.ptr.tolist())]
+    ends = np.cumsum([0, *(basis.shape[1] for basis, _ in spans)])
+    mixed = np.zeros((columns.shape[1], np.diff(ends).max()))
+    for (_, weights), a, b in zip(spans, part.ptr[:-1], part.ptr[1:], strict=True):
+        mixed[a:b, : weights.shape[1]] = weights
+    rows = motion.reduce_columns(state, part.rows(mixed, ends), int(ends[-1]))
+    return np.hstack([basis for basis, _ in spans]), rows
+
+
+def _span(columns: Floats) -> tuple[Floats, Floats]:
+    """A basis (n, r) of columns (n, m), and the weights (m, r) with columns = basis weights^T: the columns themselves,
+    or the unknowns that they touch where these are fewer.
+    """
+    touched = np.flatnonzero(columns.any(axis=1))
+    if len(touched) >= columns.shape[1]:
+        return columns, np.eye(columns.shape[1])
+    basis = np.zeros((len(columns), len(touched)))
+    basis[touched, np.arange(len(touched))] = 1.0
+    return basis, columns[touched].T
 
 
 def _rows(layout: Layout) -> tuple[Ints, Ints, Ints]:

@@ -18,10 +18,9 @@ from softcal.mechanics.frame_blocks import moving_pairs
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.linearisation import NO_BORDER, Border, Linearisation
 from softcal.mechanics.loads import Loads
-from softcal.mechanics.low_rank import low_rank_product
 from softcal.mechanics.memory import Memory
 from softcal.mechanics.mirror import Mirror, mirrors_of
-from softcal.mechanics.motion import Motion, build_motion
+from softcal.mechanics.motion import Motion, build_motion, low_rank_product
 from softcal.mechanics.neighbours import Neighbours
 from softcal.mechanics.pattern import Pattern, add_products, build_pattern
 from softcal.mechanics.scales import Sizes

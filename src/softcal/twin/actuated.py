@@ -18,8 +18,10 @@ from softcal.declare import Declared
 from softcal.display import displayed
 from softcal.errors import Fault, unknown
 from softcal.quantities import Quantity
+from softcal.sensing.channel import channel_name
 from softcal.sensing.kind import ChannelKind
 from softcal.twin.part import NamedPart
+from softcal.units import format_quantity, format_range
 
 if TYPE_CHECKING:
     from softcal.mechanics.actuator import ActuatorTerm
@@ -295,6 +297,26 @@ def limits_faults(parts: Sequence[ActuatedPart], key: str, low: float, high: flo
     if not faults and not low < high:
         faults.append(Fault("the limits contradict each other", where, f"{low:g} to {high:g}", "the lower one first"))
     return faults[:1]
+
+
+def faults_of_limits(limits: Mapping[str, tuple[float, float]], values: Mapping[str, Floats]) -> list[Fault]:
+    """A fault for each channel of an actuator that leaves its limits.
+
+    Parameters
+    ----------
+    limits
+        Channel -> lowest and highest value [SI].
+    values
+        Channel -> values [SI] of a test.
+    """
+    faults: list[Fault] = []
+    for channel, (low, high) in limits.items():
+        ends = (values[channel].min(), values[channel].max()) if channel in values else ()
+        if beyond := [float(end) for end in ends if not low <= end <= high]:
+            unit = channel_name(channel).kind.unit
+            got, allowed = format_quantity(beyond[-1], unit), format_range(low, high, unit)
+            faults.append(Fault(f"the test is beyond the limits of {channel}", "", got, allowed))
+    return faults
 
 
 def _faults(kind: type[Actuator], known: Mapping[str, type[Actuator]]) -> list[Fault]:

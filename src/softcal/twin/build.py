@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from softcal.errors import Fault, MeshError, unknown
 from softcal.geometry.cell import face_keys
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.regions import Named, select_faces
+from softcal.geometry.shape import LENGTHS
 from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.mechanics.cable_routes import build_cables
@@ -21,6 +23,7 @@ from softcal.mechanics.crossing import Skins
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.kept_nodes import KeptPaths
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
+from softcal.mechanics.neighbours import STEP, Neighbours
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.rod_points import place_on_rod
 from softcal.mechanics.solid import SolidTerm
@@ -46,7 +49,6 @@ from softcal.twin.loads import (
     walls,
 )
 from softcal.twin.markers import MarkerPlace, directions_in
-from softcal.twin.nearby_twins import neighbours_of
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
 from softcal.units import format_quantity
@@ -491,3 +493,37 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
             Fault("the body is not attached: no node is fixed or tied to a plate or another body", where=body.name)
         )
     return rider
+
+
+Build = Callable[[Robot], Any]
+
+
+def neighbours_of(robot: Robot, theta: Mapping[str, float], build: Build) -> dict[str, Neighbours]:
+    """By the name of each length, the twins next to that of a robot at theta; built when they are needed.
+
+    What theta states of its shape stays as one length changes; other lengths follow it, as in the robot at theta.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    theta
+        Parameter values by dotted name [SI].
+    build
+        Robot -> its twin, or a part of it.
+    """
+    own = {name: info.value for name, info in robot_parameters(robot).items() if info.shapes}
+    stated = {name: theta[name] for name, value in own.items() if theta.get(name, value) != value}
+    shape = {name: info.value for name, info in robot_parameters(with_shape(robot, stated)).items() if info.shapes}
+    neighbours: dict[str, Neighbours] = {}
+    for body in robot.bodies:
+        extent = float(np.ptp(body.mesh.points, axis=0).max())
+        for key in body.shape.values if body.shape else ():
+            name = f"{body.name}.{key}"
+            step = STEP * (extent if LENGTHS[key].unit == "m" else 1.0)
+            neighbours[name] = Neighbours(partial(_beside, robot, {**stated, name: shape[name]}, name, build), step)
+    return neighbours
+
+
+def _beside(robot: Robot, stated: Mapping[str, float], name: str, build: Build, offset: float) -> Any:
+    return build(with_shape(robot, {**stated, name: stated[name] + offset}))

@@ -23,8 +23,7 @@ from softcal.twin.build import Twin
 from softcal.twin.crossings import path_unit
 from softcal.twin.curve import Curve
 from softcal.twin.parameters import parameter_values
-from softcal.twin.reading import SensorReading, read
-from softcal.twin.sensors import angle_columns, channel_units
+from softcal.twin.sensors import SensorReading, angle_columns, channel_units, read
 from softcal.twin.start import loaded, slack_line
 from softcal.units import format_quantity, unit_factor
 

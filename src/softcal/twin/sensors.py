@@ -9,7 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.mechanics.mixed import neighbours_along
+from softcal.mechanics.node import Node
 from softcal.mechanics.state import State
+from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Theta
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture
@@ -92,6 +95,47 @@ def sense_rates(
         if name in twin.system.neighbours:
             found[:, k] += twin.system.neighbours[name].rate(lambda one, at: sense(one, at, theta, none), state)
     return found
+
+
+@dataclass(frozen=True)
+class SensorReading:
+    """The channels at a node with their exact derivatives.
+
+    values, slopes (n_channels,): the channels, and by the control; by_parameter, mixed (n_channels, k): by parameters
+    at a fixed control, and by both.
+    """
+
+    values: Floats
+    slopes: Floats
+    by_parameter: Floats
+    mixed: Floats
+
+
+def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> SensorReading:
+    """The reading of the sensors at a node.
+
+    Parameters
+    ----------
+    twin
+        The twin.
+    statics
+        The system at its parameters, with the factors of its tangent.
+    node
+        The node.
+    names
+        Parameters (k,) of the node's derivatives.
+    """
+    k = len(names)
+    by = ("", *[""] * k, *names)
+    rates = sense_rates(
+        twin, node.state, statics.theta, np.column_stack([node.slope, node.mixed, node.by_parameter]), by
+    )
+    slopes, mixed, by_parameter = rates[:, 0], rates[:, 1 : 1 + k], rates[:, 1 + k :]
+    if names:
+        h, *beside = neighbours_along(statics, node.state, node.slope)
+        before, after = (sense_rates(twin, state, statics.theta, node.by_parameter, names) for state in beside)
+        mixed += (after - before) / (2.0 * h)
+    return SensorReading(sense(twin, node.state, statics.theta), slopes, by_parameter, mixed)
 
 
 @dataclass(frozen=True)

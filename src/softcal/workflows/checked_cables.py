@@ -9,14 +9,13 @@ from itertools import groupby
 
 import numpy as np
 
-from softcal.errors import Fault
 from softcal.mechanics.attachment import Attachment
 from softcal.project.project import Project
-from softcal.sensing.channel import kinds
+from softcal.twin.actuated import faults_of_limits
 from softcal.twin.bores import supports
 from softcal.twin.robot import Cable, Robot
 from softcal.twin.routing import off_bore
-from softcal.units import format_quantity, format_range
+from softcal.units import format_quantity
 from softcal.workflows.simulation import protocol_of
 
 
@@ -109,13 +108,8 @@ def _support_rows(cable: Cable, attachments: Mapping[int, Attachment]) -> list[t
 def beyond_limits(project: Project) -> list[str]:
     """Tests whose commands, at the start values, are beyond the limits of the actuators."""
     sentences: list[str] = []
-    of = kinds()
     for name in project.experiments:
-        for actuator, command in protocol_of(project, name).commands.items():
-            channel, unit = f"{actuator}.{command.control}", of[command.control].unit
-            low, high = project.robot.limited.get(channel, (-np.inf, np.inf))
-            beyond = [end for end in (command.values.min(), command.values.max()) if not low <= end <= high]
-            if beyond:
-                got, allowed = format_quantity(float(beyond[-1]), unit), format_range(low, high, unit)
-                sentences.append(str(Fault(f"{name}: the test is beyond the limits of {channel}", "", got, allowed)))
+        commands = protocol_of(project, name).commands.items()
+        values = {f"{actuator}.{command.control}": command.values for actuator, command in commands}
+        sentences += [f"{name}: {fault}" for fault in faults_of_limits(project.robot.limited, values)]
     return sentences

@@ -37,17 +37,29 @@ def test_a_finger_is_set_up_by_clicks(tmp_path: Path, serve: Callable[..., Serve
     drift.fill("10 mN")
     seen.wait_for(lambda: "experiment pull_10mm" in seen.fact("findings"), "no fault")
     assert not page.get_by_label("drift of roll in a test (sd)").is_visible()
+    # A second cable, by the points that are typed: one of the tests is its.
+    choice = page.locator('[data-choice="Cable that is pulled"]')
+    assert not choice.first.is_visible()
+    page.get_by_role("button", name="Another cable").click()
+    page.get_by_label("Its name").fill("back")
+    page.locator(".sc-code textarea").fill("-4.5, 0, 83.5\n-4.5, 0, 0.5\n-4.5, 0, -9.5")
+    seen.wait_for(lambda: "    back:\n" in seen.fact("file"), "the second cable is in the file")
+    assert seen.fact("file").count("cable: cable\n") == 2
+    choice.first.click()
+    page.get_by_role("option", name="back").click()
+    seen.wait_for(lambda: "cable back" in seen.fact("findings"), "the second cable is checked")
+    assert "back.slack: {bounds" in seen.fact("file")
     page.get_by_text("Write project.yaml").click()
     seen.wait_for(lambda: "is written" in seen.fact("written"), "the file is written")
     assert (tmp_path / "project.yaml").read_text() == seen.fact("file").rstrip("\n") + "\n"
     project = load(tmp_path / "project.yaml")
-    assert list(project.experiments) == ["pull_10mm", "pull_7mm"]
+    assert {name: one.cable for name, one in project.experiments.items()} == {"pull_10mm": "back", "pull_7mm": "cable"}
     first, *_, last = (via.at[2] for via in project.robot.cables[0].via_points)
     assert (first, last) == pytest.approx((0.0835, -0.0095))  # to the fixed face, which was picked after the bore
     assert len(project.robot.cables[0].via_points) > 19  # with those that are added in the bore
     sigmas = {name: one.dataset.channels["tension"].sigma for name, one in project.experiments.items()}
     assert sigmas == {"pull_10mm": 0.02, "pull_7mm": 0.05}
-    assert {one.name: one.sd for one in project.uncertain}["cable.tension_drift"] == 0.01
+    assert {one.name: one.sd for one in project.uncertain}["back.tension_drift"] == 0.01
     page.get_by_text("Write project.yaml").click()
     seen.wait_for(lambda: "was not replaced" in seen.fact("written"), "nothing is overwritten")
     page.set_viewport_size({"width": 390, "height": 844})

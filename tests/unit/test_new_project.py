@@ -26,6 +26,7 @@ from softcal.plugins.watch import new_page
 from softcal.plugins.watch.draft import (
     BenchTable,
     Draft,
+    DraftCable,
     likely_columns,
     middle,
     on_plane,
@@ -104,12 +105,13 @@ def test_a_click_in_the_bore_of_a_step_file_finds_it(tmp_path: Path):
 
 
 def test_a_cable_runs_to_the_fixed_face(draft: Draft):
-    for via in (draft.via, draft.via[::-1]):
-        assert [at[2] for at in towards(via, draft.fixed)] == [at[2] for at in draft.via]
-        assert [at[2] for at in towards(via, draft.top)] == [at[2] for at in draft.via[::-1]]
+    own = draft.cables["cable"].via
+    for via in (own, own[::-1]):
+        assert [at[2] for at in towards(via, draft.fixed)] == [at[2] for at in own]
+        assert [at[2] for at in towards(via, draft.top)] == [at[2] for at in own[::-1]]
         assert towards(via, None) == via
-    assert draft.via[0][2] == pytest.approx(0.0835, abs=1e-5)
-    assert pulled_behind(draft.via)[2] == pytest.approx(-0.0095, abs=1e-5)
+    assert own[0][2] == pytest.approx(0.0835, abs=1e-5)
+    assert pulled_behind(own)[2] == pytest.approx(-0.0095, abs=1e-5)
 
 
 @pytest.mark.parametrize("at", [[-0.008, 0.0, 0.04], [0.0, 0.0, 0.0], [0.0, 0.0, 0.084]])
@@ -153,8 +155,8 @@ def draft(finger: Floats) -> Draft:
     columns = likely_columns(table_columns(FINGER / "data" / "pull-7mm.csv"))
     tests = tuple(BenchTable(f"data/pull-{n}mm.csv", columns) for n in (7, 10))
     reference = middle(on_plane(finger, top))
-    return Draft("finger.stl", "mm", "4 mm", fixed=fixed, top=top, reference=reference, via=via, tests=tests,
-                 pulled_at=pulled_behind(via))  # fmt: skip
+    cables = {"cable": DraftCable(via, pulled_behind(via))}
+    return Draft("finger.stl", "mm", "4 mm", fixed=fixed, top=top, reference=reference, cables=cables, tests=tests)
 
 
 def loaded(draft: Draft, folder: Path) -> Any:
@@ -176,8 +178,27 @@ def test_the_file_is_the_finger_that_a_person_wrote(draft: Draft, tmp_path: Path
     assert project.robot.bodies[0].fixed.tolist() == ours.robot.bodies[0].fixed.tolist()
     assert project.robot.plates[0].reference == pytest.approx(ours.robot.plates[0].reference)
     assert [e.dataset.n_samples for e in project.experiments.values()] == [41, 41]
-    names = [{p.name: (p.lower, p.upper) for p in one.space.parameters} for one in (project, ours)]
+    names = [{p.name: (p.lower, p.upper) for p in one.space.parameters} for one in (project, ours) if one.space]
+    assert len(names) == 2
     assert sorted(names[0].values()) == sorted(names[1].values())
+
+
+@pytest.mark.slow  # it is meshed and built
+def test_tests_of_several_cables_have_their_own_parameters(draft: Draft, tmp_path: Path):
+    knot, foot, pulled_at = (np.array([-0.0045, 0.0, z]) for z in (0.0835, 0.0005, -0.0095))
+    front, back = draft.cables["cable"], DraftCable((knot, foot), pulled_at)
+    tests = tuple(replace(test, cable=name) for test, name in zip(draft.tests, ("front", "back"), strict=True))
+    both = replace(draft, cables={"front": front, "back": back, "unused": DraftCable()}, tests=tests)
+    project = loaded(both, tmp_path)
+    assert [cable.name for cable in project.robot.cables] == ["front", "back"]
+    assert [one.cable for one in project.experiments.values()] == ["front", "back"]
+    assert project.space is not None
+    assert set(project.space.labels) == {"finger.youngs_modulus", "front.slack[pull_7mm]", "back.slack[pull_10mm]"}
+    assert {one.label for one in project.uncertain} == {
+        f"{part}_drift[{test}]"
+        for part, test in (("front.tension", "pull_7mm"), ("back.tension", "pull_10mm"),
+                           ("tip.pitch", "pull_7mm"), ("tip.pitch", "pull_10mm"))
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

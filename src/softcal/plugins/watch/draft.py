@@ -52,11 +52,14 @@ class BenchTable:
         Channel -> the column's header and its unit ("" where the header has it).
     noise
         Channel -> standard deviation of a sample with its unit, where it is stated; "" for none.
+    cable
+        The cable that is pulled; that of the draft where there is one.
     """
 
     file: str
     columns: Mapping[str, tuple[str, str]]
     noise: Mapping[str, str] = field(default_factory=dict[str, str])
+    cable: str = ""
 
     @property
     def drive(self) -> str:
@@ -67,6 +70,22 @@ class BenchTable:
     def compared(self) -> list[str]:
         """The channels that have noise."""
         return [name for name in self.columns if name in NOISE and name != self.drive]
+
+
+@dataclass(frozen=True)
+class DraftCable:
+    """A cable.
+
+    Attributes
+    ----------
+    via
+        Its points (k, 3) in the body.
+    pulled_at
+        Point (3,) in space where it is pulled, behind the last via point.
+    """
+
+    via: tuple[Floats, ...] = ()
+    pulled_at: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -85,10 +104,8 @@ class Draft:
         The face that is fixed, and the face that a rigid plate holds.
     reference
         Point (3,) of the plate.
-    via
-        Points (k, 3) of the cable in the body.
-    pulled_at
-        Point (3,) in space where the cable is pulled, behind the last via point.
+    cables
+        The cables by their names; one without via points is not there yet.
     tests
         The tables.
     drift
@@ -105,8 +122,7 @@ class Draft:
     fixed: Plane | None = None
     top: Plane | None = None
     reference: Floats | None = None
-    via: tuple[Floats, ...] = ()
-    pulled_at: Floats | None = None
+    cables: Mapping[str, DraftCable] = field(default_factory=lambda: {"cable": DraftCable()})
     tests: tuple[BenchTable, ...] = ()
     drift: Mapping[str, str] = field(default_factory=dict[str, str])
 
@@ -122,6 +138,10 @@ class Draft:
         paths = [str(PurePath(test.file).with_suffix("")) for test in self.tests]
         names = [path if stems.count(stem) > 1 else stem for stem, path in zip(stems, paths, strict=True)]
         return {name_of(name, "test"): test for name, test in zip(names, self.tests, strict=True)}
+
+    def pulled(self, test: BenchTable) -> str:
+        """The cable that is pulled in a test; the first one where that is not there."""
+        return test.cable if test.cable in self.cables else next(iter(self.cables))
 
 
 def name_of(text: str, kind: str) -> str:
@@ -169,13 +189,14 @@ def _robot(draft: Draft) -> Iterator[str]:
     if draft.top is not None and draft.reference is not None:
         yield "  plates:"
         yield f"    tip: {{body: {draft.body}, region: top, reference: {_point(draft.reference)}}}"
-    if draft.via:
+    if any(cable.via for cable in draft.cables.values()):
         yield "  cables:"
-        yield "    cable:"
-        yield "      via:    # from the knot to where it is pulled"
-        yield from (f"        - {{on: {draft.body}, at: {_point(at)}}}" for at in draft.via)
-        if draft.pulled_at is not None:
-            yield f"        - {{at: {_point(draft.pulled_at)}}}"
+    for name, cable in draft.cables.items():
+        if cable.via:
+            yield f"    {name}:"
+            yield "      via:    # from the knot to where it is pulled"
+            yield from (f"        - {{on: {draft.body}, at: {_point(at)}}}" for at in cable.via)
+            yield from (f"        - {{at: {_point(at)}}}" for at in [cable.pulled_at] if at is not None)
     if draft.down:
         g = {"+": "9.81", "-": "-9.81"}[draft.down[0]]
         yield f"  gravity: [{', '.join(f'{g if axis == draft.down[1] else 0} m/s^2' for axis in 'xyz')}]"
@@ -197,7 +218,7 @@ def _tests(draft: Draft) -> Iterator[str]:
         yield "experiments:"
     for experiment, test in draft.experiments.items():
         yield f"  {experiment}:"
-        yield "    cable: cable"
+        yield f"    cable: {draft.pulled(test)}"
         yield from ("    plate: tip" for _ in [0] if draft.top is not None)
         yield f"    drive: {test.drive}"
         yield "    files:"
@@ -218,8 +239,8 @@ def _tests(draft: Draft) -> Iterator[str]:
         if number := re.match(r"\s*\d*\.?\d+(e[+-]?\d+)?", low, re.IGNORECASE):
             low, high = (f"{factor * float(number[0]):g}{low[number.end() :]}" for factor in (0.1, 10.0))
         yield f"  {draft.body}.youngs_modulus: {{bounds: [{low}, {high}], scale: log}}"
-        if any("shortening" in test.columns for test in draft.tests):
-            yield "  cable.slack: {bounds: [-1 mm, 3 mm], per: experiment}"
+        for cable in dict.fromkeys(draft.pulled(test) for test in draft.tests if "shortening" in test.columns):
+            yield f"  {cable}.slack: {{bounds: [-1 mm, 3 mm], per: experiment}}"
         compared = dict.fromkeys(name for test in draft.tests for name in test.compared)
         drift, guesses = _stated(compared, draft.drift, DRIFT)
         if drift:
@@ -227,7 +248,9 @@ def _tests(draft: Draft) -> Iterator[str]:
             yield "# How far each instrument's zero may drift during a test."
             yield f"uncertain:{guesses}"
             for name, sd in drift.items():
-                yield f"  {'cable' if name == 'tension' else 'tip'}.{name}_drift: {{sd: {sd}, per: experiment}}"
+                cables = dict.fromkeys(draft.pulled(test) for test in draft.tests if name in test.compared)
+                for part in cables if name == "tension" else ["tip"]:
+                    yield f"  {part}.{name}_drift: {{sd: {sd}, per: experiment}}"
         yield ""
         yield "calibration: {fit: both, method: least-squares, loss: likelihood, seed: 1}"
 

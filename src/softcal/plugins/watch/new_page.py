@@ -6,11 +6,11 @@ import asyncio
 import hashlib
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +31,10 @@ from softcal.plugins.watch.draft import (
     TABLES,
     BenchTable,
     Draft,
+    DraftCable,
     likely_columns,
     middle,
+    name_of,
     on_plane,
     part_surface,
     project_text,
@@ -189,6 +191,7 @@ class NewPage:
         self._read: tuple[str, str] = ("", "")
         self._shown_tables: list[str] | None = None
         self._checked = ""
+        self._pulled: list[Any] = []  # of each table, the choice of the cable that is pulled
         ui.add_body_html(f"<script>{_DROP}</script>")
         ui.on("softcal_dropped", lambda event: ui.notify(str(event.args)))
         with ui.element("main").classes("sc-page"):
@@ -218,7 +221,12 @@ class NewPage:
                 ):
                     _line(label, getattr(self._draft, name), lambda value, name=name: self._take(**{name: value}))
                 _choice("Gravity", ["none", *AXES], lambda way: self._take(down="" if way == "none" else way), "-z")
-            with _card("sc-7", "3  Cable: points [mm], from the knot to the last one, in space, where it is pulled"):
+            with _card("sc-7", "3  Cables: points [mm], from the knot to the last one, in space, where it is pulled"):
+                with ui.element("div").classes("sc-pair"):
+                    names = [*self._draft.cables]
+                    self._cable = _choice("Cable", names, self._show_cable, names[0])
+                    self._name = _line("Its name", str(self._cable.value), self._rename_cable)
+                    ui.button("Another cable", on_click=self._add_cable).props("no-caps flat dense")
                 self._via: Any = ui.textarea(on_change=lambda event: self._take_via(str(event.value or "")))
                 self._via.props("dense outlined rows=9 data-fact=via").classes("sc-code")
             with _card("sc-5", "What softcal check says"):
@@ -278,8 +286,8 @@ class NewPage:
             return
         self._surface, self._middle = surface, middle(surface)
         self._scale = LONG / float(np.ptp(surface.reshape(-1, 3), axis=0).max())
-        self._via.set_value("")
-        self._take(mesh=file, unit=unit, fixed=None, top=None, reference=None, via=(), pulled_at=None)
+        self._take(mesh=file, unit=unit, fixed=None, top=None, reference=None)
+        self._take_cables({name: DraftCable() for name in self._draft.cables})
         size = " × ".join(f"{1e3 * x:.3g}" for x in np.ptp(surface.reshape(-1, 3), axis=0))
         self._said.set_text(f"{file}: {size} mm. Turn and zoom it with the mouse; choose above what a click picks.")
         self._draw()
@@ -291,7 +299,8 @@ class NewPage:
         self._scene.clear()
         self._scene.run_method("resize")
         with self._scene:
-            faces = [(self._surface, PART, 0.6 if self._draft.via else 1.0)]
+            cables = [cable for cable in self._draft.cables.values() if cable.via]
+            faces = [(self._surface, PART, 0.6 if cables else 1.0)]
             for plane, colour in ((self._draft.fixed, FIXED), (self._draft.top, TOP)):
                 if plane is not None:
                     lifted = on_plane(self._surface, plane) + 2e-3 / self._scale * np.array(plane.normal)
@@ -300,12 +309,13 @@ class NewPage:
                 if len(triangles):
                     address = self._project.surface(self._scale * (triangles - self._middle))
                     self._scene.stl(address).material(colour, opacity, side="both").with_name("surface")
-            ends = [*self._draft.via, *([] if self._draft.pulled_at is None else [self._draft.pulled_at])]
-            drawn = [(self._scale * (at - self._middle)).tolist() for at in ends]
-            for at in drawn:
-                self._scene.sphere(0.09).material(CABLE).move(*at)
-            for first, last in pairwise(drawn):
-                self._scene.line(first, last).material(CABLE)
+            for cable in cables:
+                points = [at for at in (*cable.via, cable.pulled_at) if at is not None]
+                drawn = [(self._scale * (at - self._middle)).tolist() for at in points]
+                for at in drawn:
+                    self._scene.sphere(0.09).material(CABLE).move(*at)
+                for first, last in pairwise(drawn):
+                    self._scene.line(first, last).material(CABLE)
 
     async def _click(self, event: Any) -> None:
         """Pick what the mode says at the point of the part that was clicked."""
@@ -322,7 +332,7 @@ class NewPage:
             if bore is None:
                 self._said.set_text("No straight bore has its wall there: click in a bore, or type the points below.")
                 return
-            self._set_via(via_points(bore))
+            self._take_cables({**self._draft.cables, self._cable.value: self._led(via_points(bore))})
             stretches = f"in {len(bore.stretches)} stretches of the part" if len(bore.stretches) > 1 else "straight"
             self._said.set_text(f"A bore {1e3 * bore.diameter:.2g} mm wide, {stretches}.")
             return
@@ -342,14 +352,47 @@ class NewPage:
         else:
             self._said.set_text(f"The {self._mode.value}: all of the part in the plane through ({_shown(centre)}) mm.")
             self._take(**({"fixed": plane} if is_foot else {"top": plane, "reference": centre}))
-        if is_foot and len(self._draft.via) > 1:
-            self._set_via(self._draft.via)
+        if is_foot:
+            self._take_cables({name: self._led(cable.via) for name, cable in self._draft.cables.items()})
         self._draw()
 
-    def _set_via(self, via: Sequence[Floats]) -> None:
+    def _led(self, via: Sequence[Floats]) -> DraftCable:
         """The cable through these points to the fixed face, pulled behind it."""
+        if len(via) < 2:
+            return DraftCable(tuple(via))
         via = towards(via, self._draft.fixed)
-        self._via.set_value("\n".join(_shown(one) for one in (*via, pulled_behind(via))))
+        return DraftCable(via, pulled_behind(via))
+
+    def _take_cables(self, cables: Mapping[str, DraftCable], current: str = "") -> None:
+        """The draft with other cables, of which the points of one are shown."""
+        self._take(cables=cables)
+        name = current or str(self._cable.value)
+        for choice in (self._cable, *self._pulled):
+            choice.set_options([*cables], value=choice.value if choice.value in cables else name)
+        for choice in self._pulled:
+            choice.set_visibility(len(cables) > 1)
+        self._cable.set_value(name)
+        self._show_cable(name)
+
+    def _show_cable(self, name: str) -> None:
+        cable = self._draft.cables[name]
+        self._name.set_value(name)
+        points = [at for at in (*cable.via, cable.pulled_at) if at is not None]
+        self._via.set_value("\n".join(map(_shown, points)))
+
+    def _add_cable(self) -> None:
+        """One more cable, whose bore is picked next."""
+        number = next(k for k in count(2) if f"cable{k}" not in self._draft.cables)
+        self._take_cables({**self._draft.cables, f"cable{number}": DraftCable()}, f"cable{number}")
+        self._said.set_text(f"cable{number}: click its bore, or type its points below.")
+
+    def _rename_cable(self, text: str) -> None:
+        old, new = str(self._cable.value), name_of(text, "cable")
+        if not text or new == old or new in self._draft.cables:
+            return
+        tests = tuple(replace(one, cable=new) if one.cable == old else one for one in self._draft.tests)
+        self._take(tests=tests)
+        self._take_cables({new if name == old else name: one for name, one in self._draft.cables.items()}, new)
 
     def _take_via(self, text: str) -> None:
         """The cable by the lines of its points."""
@@ -364,7 +407,8 @@ class NewPage:
             elif line.strip():
                 self._said.set_text(f"Not a point of three numbers [mm]: {line.strip()}")
                 return
-        self._take(via=tuple(points[:-1]), pulled_at=points[-1] if len(points) > 1 else None)
+        cable = DraftCable(tuple(points[:-1]), points[-1] if len(points) > 1 else None)
+        self._take(cables={**self._draft.cables, str(self._cable.value): cable})
         self._draw()
 
     def _show_tables(self, tables: Sequence[str]) -> None:
@@ -372,6 +416,7 @@ class NewPage:
         from nicegui import ui
 
         self._tables.clear()
+        self._pulled.clear()
         with self._tables:
             if not tables:
                 ui.label("No table is in the folder yet: drop it onto this page.").classes("sc-note")
@@ -394,7 +439,7 @@ class NewPage:
 
         def take() -> None:
             tests = [test for test in self._draft.tests if test.file != file]
-            test = BenchTable(file, dict(chosen), dict(noise))
+            test = BenchTable(file, dict(chosen), dict(noise), str(cable.value or ""))
             if is_test.value and "tension" in chosen:
                 tests.append(test)
             for channel, one in fields.items():
@@ -420,6 +465,11 @@ class NewPage:
 
         is_test: Any = ui.checkbox("This is a test", value=kept is not None, on_change=take)
         missing = ui.label().classes("sc-note sc-warn")
+        cables = [*self._draft.cables]
+        at = kept.cable if kept is not None and kept.cable in cables else cables[0]
+        cable = _choice("Cable that is pulled", cables, lambda _: take(), at)
+        cable.set_visibility(len(cables) > 1)
+        self._pulled.append(cable)
         with ui.element("div").classes("sc-pair"):
             for channel in CHANNELS:
                 at = chosen.get(channel, ("none", ""))[0]

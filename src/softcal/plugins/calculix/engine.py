@@ -19,10 +19,6 @@ from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
 
 
-def _missing() -> str:
-    return "" if find_calculix() else HOW_TO_GET
-
-
 def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
     """Solve with CalculiX under gravity, loads and softcal's efforts."""
     twin, path = twin_of(robot), load_path(robot, shape)
@@ -65,4 +61,6 @@ def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Float
     return now + R @ (reference - centre), R
 
 
-engine = register_engine(Engine("calculix", in_its_law, _missing, _solve, deck_faults))
+engine = register_engine(
+    Engine("calculix", in_its_law, lambda: "" if find_calculix() else HOW_TO_GET, _solve, deck_faults)
+)

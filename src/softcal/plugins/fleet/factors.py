@@ -122,7 +122,10 @@ def _effect(
     kept = [held.get(name) is not None and (logs is None or name in logs) for name in one.names]
     own = one.only(np.array(kept, dtype=bool))
     of = [held[name] for name in own.names]
-    levels = sorted(dict.fromkeys(level for level in of if level is not None), key=_order)
+    levels = sorted(
+        dict.fromkeys(level for level in of if level is not None),
+        key=lambda level: (1, 0.0, level) if isinstance(level, str) else (0, level, ""),
+    )
     x = None if logs is None else np.array([logs[name] for name in own.names])
     size = len(levels) + (x is not None)
     if len(levels) < 2 or len(of) < size + FEWEST_WITHIN:
@@ -151,8 +154,3 @@ def _effect(
         spread=fit.spread,
         at_infill=at,
     )
-
-
-def _order(level: str | float) -> tuple[bool, float, str]:
-    is_text = isinstance(level, str)
-    return is_text, 0.0 if is_text else level, level if is_text else ""

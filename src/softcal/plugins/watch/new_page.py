@@ -238,7 +238,11 @@ class NewPage:
                 self._tables = ui.element("div")
                 with ui.element("div").classes("sc-pair"):
                     self._drift: dict[str, Any] = {
-                        channel: _line(f"drift of {channel} in a test (sd)", sd, partial(self._take_drift, channel))
+                        channel: _line(
+                            f"drift of {channel} in a test (sd)",
+                            sd,
+                            lambda text, channel=channel: self._take(drift={**self._draft.drift, channel: text}),
+                        )
                         for channel, sd in DRIFT.items()
                     }
             with _card("sc-12", PROJECT):
@@ -247,9 +251,6 @@ class NewPage:
         self._show_text()
         ui.timer(LOOK, self._look)
         ui.timer(LATER, self._check)
-
-    def _take_drift(self, channel: str, text: str) -> None:
-        self._take(drift={**self._draft.drift, channel: text})
 
     def _look(self) -> None:
         """Show the files that the folder has now."""

@@ -1,27 +1,39 @@
-"""Reduced models of 1 to 9 cables: how long they are built, their error at random states, and their rates.
+"""Reduced models of 1 to 9 cables: how long they are built, their error at random states, and their rates; and pages to
+pull, which are made of them.
 
-python -m benchmarks.reduced
+python -m benchmarks.reduced                  the models
+python -m benchmarks.reduced --out docs/exports.md      models and pages, into the page: some ten minutes
 """
 
 from __future__ import annotations
 
+import argparse
+import re
+import sys
+import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
 import softcal
-from benchmarks.machine import machine
+from benchmarks.machine import load, machine
 from benchmarks.reach import neck
-from benchmarks.section import Goal, Section, run_alone
+from benchmarks.section import Goal, Section, run_alone, table
 from benchmarks.timing import mkl_threads
+from benchmarks.written_page import written_page
 from softcal.export.reduced import Span, evaluator_of, reduced
 from softcal.export.reduced_model import ReducedModel
 from softcal.twin.manipulator import Manipulator, Springs, manipulator
 from softcal.twin.robot import Robot
+from softcal.workflows.export import ExportRequest
+from softcal.workflows.exports.web import web
 
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "exports.md"
 SHARE = 0.3  # of the length, in per cent, that the 95th percentile may reach
 BUILT = 600.0  # [s]
 SEED = 5
@@ -73,7 +85,8 @@ def measure(quick: bool) -> Section:
             times = [
                 f"{1e3 * value:.2f}" for each in (state, from_rest, along) for value in np.quantile(each, [0.5, 0.99])
             ]
-            size = [str(fit.n_samples), str(fit.degree), str(len(fit.model["powers"])), f"{built:.0f}"]
+            powers = np.array(fit.model["powers"])
+            size = [str(len(fit.sampled.points)), str(powers.max()), str(len(powers)), f"{built:.0f}"]
             rows.append([case.name, *size, *row, f"{share:.2g}", *times])
             goals.append(Goal(f"Reduced model, {case.name}: p95 at the tip", share, SHARE, "% of the length"))
             goals.append(Goal(f"Reduced model, {case.name}: built", built, BUILT, "s"))
@@ -124,6 +137,42 @@ def _rates(read: ReducedModel, channels: tuple[str, ...], n: int) -> tuple[list[
     return state, from_rest, along
 
 
+def pages() -> Iterator[list[str]]:
+    """Rows of pages to pull: what is on them, inputs, equilibria, largest error, size, time on the processor."""
+    examples, six = ROOT / "examples", ",".join(f"cable{k}=6N" for k in range(1, 7))
+    for what, name, inputs, reach in (
+        ("the calibrated neck", "neck", "1 cable", None),
+        ("the manipulator", "manipulator", "3 cables to 6 N", "cable1=6N,cable3=6N,cable5=6N"),
+        ("the manipulator", "manipulator", "6 cables to 6 N", six),
+        ("the pneunet", "pneunet", "1 chamber to 24 kPa", "main=24kPa"),
+    ):
+        with tempfile.TemporaryDirectory() as place:
+            source, said = examples / name / "project.yaml", list[str]()
+            run = None
+            if reach is None:
+                run = Path(place, "run")
+                softcal.calibrate(source, out=run)
+            began = time.process_time()
+            project = softcal.load(source) if run is None else softcal.load_calibrated(run)
+            (page,) = web(ExportRequest(project, note=said.append, run=run), Path(place), reach)
+            seconds, size = time.process_time() - began, page.stat().st_size
+        error, n = re.search(r"from the twin: (.*?), at the (\d+) equilibria", said[-1]).groups()  # type: ignore[union-attr]
+        yield [what, inputs, n, error, f"{1e-6 * size:.2f} MB", f"{seconds:.0f} s"]
+        print(f"# {what}, {inputs}: {error}, {seconds:.0f} s", file=sys.stderr, flush=True)
+
+
+def written(section: Section) -> str:
+    """docs/exports.md with the figures of the models and of the pages."""
+    at = [section.header.index(name) for name in ("robot", "equilibria", "built [s]", "p95 [µm]", "p95 [% of length]")]
+    at += [k for k, name in enumerate(section.header) if name == "p99 [ms]"][::2]
+    heads = ["robot", "equilibria", "built [s]", "95th percentile at the tip [µm]", "[% of length]", "state [ms]",
+             "inverse along a path [ms]"]  # fmt: skip
+    models = table(heads, [[row[k] for k in at] for row in section.rows])
+    of_pages = table(["page", "inputs", "equilibria", "error", "size", "CPU time"], [*pages()])
+    values = {"models": "\n".join(models), "pages": "\n".join(of_pages)}
+    return written_page(PAGE, {**values, "processor": dict(machine())["processor"], "load": load()})
+
+
 def _seconds(function: Callable[[], object]) -> float:
     start = time.perf_counter()
     function()
@@ -131,4 +180,9 @@ def _seconds(function: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    run_alone(measure)
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--out", type=Path)
+    if (out := parser.parse_known_args()[0].out) is None:
+        run_alone(measure)
+    else:
+        out.write_text(written(measure(quick=False)), encoding="utf-8")

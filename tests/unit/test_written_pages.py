@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import contact, mesh_table, neck_shape
+from benchmarks import contact, mesh_table, neck_shape, reduced
 from benchmarks.written_page import page_values, written_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(path for path in (ROOT / "docs").glob("*.md") if "<!--{" in path.read_text(encoding="utf-8"))
 
 
-def test_eleven_pages_have_numbers_of_commands() -> None:
-    assert len(PAGES) == 11
+def test_twelve_pages_have_numbers_of_commands() -> None:
+    assert len(PAGES) == 12
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -117,3 +117,18 @@ def test_the_page_of_the_necks_shape_has_a_mark_for_all_that_is_written(monkeypa
         assert [row[0] for row in rows] == [row[0] for row in present[: len(rows)]]
         assert len(rows) == len(present) or name == "meshes"
     assert [row[:3] for row in rows_of(written["bench"])] == [row[:3] for row in rows_of(told["bench"])]
+
+
+@pytest.mark.slow  # a reduced model is built
+def test_the_page_of_exports_has_the_rows_that_its_benchmark_measures(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, *_ = reduced.cases()
+    monkeypatch.setattr(reduced, "cases", lambda: [case])
+    monkeypatch.setattr(reduced, "pages", lambda: iter([["the neck", "1 cable", "64", "0.01 mm", "0.45 MB", "99 s"]]))
+    section = reduced.measure(quick=True)
+    share, built, *_ = section.goals
+    assert share.met
+    assert built.met
+    values = page_values(reduced.written(section))
+    (row,) = values["models"].splitlines()[2:]
+    assert row.startswith(f"| {case.name} | 64 | ")
+    assert values["pages"].splitlines()[2:] == ["| the neck | 1 cable | 64 | 0.01 mm | 0.45 MB | 99 s |"]

@@ -53,7 +53,7 @@ def test_a_channel_goes_before_its_kind_and_cables_that_do_not_drive_are_left_al
     ("limits", "says"),
     [
         ({"main.tension": (0.0, 1.0)}, "no actuator has such a channel"),
-        ({"pressure": (2.0, 1.0)}, "actuator_limits.pressure: the limits contradict each other; got 2 to 1"),
+        ({"pressure": (2e3, 1.0)}, "actuator_limits.pressure: the limits contradict each other; got 2 kPa to 1 Pa"),
         ({"main.pressure": (-2e5, 0.0)}, "actuator_limits.main.pressure: the gauge pressure is out of range"),
     ],
 )

@@ -15,7 +15,7 @@ from project_case import bench_csv, write_project
 
 import softcal
 from softcal.analysis.candidate import as_experiment
-from softcal.analysis.default_candidates import default_candidates
+from softcal.analysis.default_candidates import default_candidates, like_by_default
 from softcal.analysis.next_test import next_tests
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
@@ -201,6 +201,23 @@ def test_drives_are_candidates_as_cables_are() -> None:
     wrong = softcal.Candidate(name="wrong", like="turn", control="pressure")
     with pytest.raises(InputError, match="servo of turn has no such control; got 'pressure'; allowed: angle, torque"):
         as_experiment(wrong, problem.experiments[0])
+
+
+def test_a_candidate_is_by_default_like_a_test_of_its_own_kind_of_actuator() -> None:
+    problem, _ = turn_of_a_drive()
+    way = (softcal.ViaPoint(np.zeros(3)), softcal.ViaPoint(np.array([0.0, 0.0, 0.1]), "tip"))
+    robot = replace(problem.robot, cables=(*problem.robot.cables, softcal.Cable("tug", way), softcal.Cable("tow", way)))
+    pulled = {"tug.tension": Channel(np.array([0.0, 50.0]), "N"), "tip.pitch": Channel(np.zeros(2), "rad", 1e-3)}
+    turn, pull = *problem.experiments, Experiment("pull", Dataset("pull", pulled), drive=("tug.tension",))
+
+    def like(actuator: str = "", control: str = "") -> str:
+        return like_by_default([turn, pull], robot, actuator, control).name
+
+    found = [like(), like("other"), like("", "angle"), like("tow"), like("", "tension")]
+    assert found == ["pull", "turn", "turn", "pull", "pull"]
+    names = {one.name for one in default_candidates(replace(problem, robot=robot, experiments=(turn, pull)))}
+    assert {"other as turn", "tow as pull"} <= names
+    assert not {"other as pull", "tow as turn"} & names
 
 
 def test_candidates_beyond_the_limits_of_an_actuator_are_not_possible() -> None:

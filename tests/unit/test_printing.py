@@ -205,6 +205,7 @@ def test_errors_of_predictions_have_readable_units(printed: Printed, monkeypatch
     monkeypatch.setattr(validation, "pooled_errors", lambda fits: errors)
     units = {"main.pressure": "Pa", "main.volume": "m^3", "tip.z": "m"}
     table = Table("", "model")
-    _add_errors(table, "predicted", [[SimpleNamespace(units=units)]])
+    # Each test has channels of its own.
+    _add_errors(table, "predicted", [[SimpleNamespace(units={name: unit}) for name, unit in units.items()]])
     print_table(table)
     assert {"1.23 kPa", "2.5 ml", "0.034 mm"} <= cells(printed())

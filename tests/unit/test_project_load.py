@@ -180,7 +180,7 @@ def test_faults_of_all_sections_come_at_once_in_the_order_of_the_lines(tmp_path:
         "Try: 'poissons_ratio'",
         "project.yaml:10: robot.bodies.bar.poissons_ratio: Poisson's ratio is out of range",
         "there is no such data file",
-        "bar.youngs_modulus: the bounds are reversed or equal",
+        "bar.youngs_modulus: the bounds are reversed or equal; got 40 MPa to 100 kPa",
         "calibrate: unknown key",
         "calibration.methd: unknown key",
         "print.infill: the infill is out of range",

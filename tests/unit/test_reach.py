@@ -99,7 +99,8 @@ FAULTS = {
     "a length of another unit": (["--to", "front.shortening=3m"], "this is not plausible.*mm read as m"),
     "no target": ([], "given by one of two options"),
     "limits the wrong way round": (
-        ["--to", "plate.pitch=3deg", "--limit", "front.tension=5N..1N"], "the limits contradict each other"),
+        ["--to", "plate.pitch=3deg", "--limit", "front.tension=5N..1N"],
+        "limits.front.tension: the limits contradict each other; got 5 N to 1 N; allowed: the lower one first"),
     "limits against pretension": (
         ["--to", "plate.x=3mm", "--limit", "tension=..1N", "--pretension", "2N"], "the limits contradict each other"),
     "a target beyond its limit": (["--to", "plate.x=3mm", "--limit", "x=..2mm"], "the target is beyond a limit"),

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from softcal.analysis.candidate import Candidate
+from softcal.analysis.candidate import Candidate, controls_of
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.problem import Problem
 from softcal.sensing.channel import ChannelName, other_of, positions
@@ -53,17 +53,41 @@ def default_candidates(problem: Problem) -> list[Candidate]:
         name = f"{like.name} with a {BETTER:g} times better {what}"
         found.append(Candidate(name=name, like=like.name, better=dict.fromkeys(channels, BETTER)))
     found += _heavier(problem, like)
-    if len(like.drives) == 1:
-        before = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
-        kind = like.twin_channel(like.drives[0]).kind
-        others = [part.name for part in problem.robot.commandable if kind in part.channels and part.name not in before]
-        found += [Candidate(name=f"{name} as {like.name}", like=like.name, actuator=name) for name in others]
+    single = [reference for reference in references if len(reference.drives) == 1]
+    before = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
+    for part in problem.robot.commandable:
+        alike = [one for one in single if one.twin_channel(one.drives[0]).kind in part.channels]
+        if alike and part.name not in before:
+            most = max(alike, key=_effort)
+            found.append(Candidate(name=f"{part.name} as {most.name}", like=most.name, actuator=part.name))
     return found
 
 
 def furthest(problem: Problem) -> Experiment:
     """The experiment with the largest effort, over what a common instrument of it errs by."""
     return max(_references(problem.experiments), key=_effort)
+
+
+def like_by_default(
+    experiments: Sequence[Experiment], robot: Robot, actuator: str = "", control: str = ""
+) -> Experiment:
+    """The experiment that a test is like where nothing is stated: of those whose actuator is of the kind of its own and
+    has its control, the one with the largest effort; of all, where there is none.
+
+    Parameters
+    ----------
+    experiments
+        One or more.
+    robot
+        The robot.
+    actuator
+        The actuator that the test drives; "": that of the experiment.
+    control
+        Its coordinate or effort, such as "pressure"; "": that of the experiment.
+    """
+    wanted = [set(part.controls) for part in robot.commandable if part.name == actuator] + [{control}] * bool(control)
+    able = [one for one in experiments if all(controls_of(one) & each for each in wanted)]
+    return max(_references(able or experiments), key=_effort)
 
 
 def _references(experiments: Sequence[Experiment]) -> list[Experiment]:

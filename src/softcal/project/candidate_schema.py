@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from softcal.analysis.candidate import Candidate, controls_of
+from softcal.analysis.default_candidates import like_by_default
 from softcal.calibration.problem.experiment import Experiment
 from softcal.declare import listed
 from softcal.errors import Fault, InputError
@@ -21,7 +22,8 @@ from softcal.twin.robot import Robot
 
 
 class CandidateSection(Section):
-    """A candidate test: like an experiment (by default the one with the largest pull), except for the keys present.
+    """A candidate test: like an experiment, by default that of its kind of actuator with the largest effort, except for
+    the keys present.
 
     shortening, tension, volume, pressure, angle, torque: how far the actuator is driven, by one of its two. measure:
     channels, markers or plates, besides those of the experiment. noise: of those channels and of others.
@@ -80,8 +82,9 @@ def build_candidates(
         known = {part.name: part for part in robot.commandable}
         if section.actuator and section.actuator not in known:
             findings.unknown((*path, "actuator"), robot.actuator_word, section.actuator, known)
-        like = experiments.get(section.like, next(iter(experiments.values())))
         control, reach = next(iter(section.reach.items()), ("", None))
+        default = like_by_default(list(experiments.values()), robot, section.actuator, control)
+        like = experiments.get(section.like, default)
         if control and control not in (controls := controls_of(like)):
             findings.unknown((*path, control), "control", control, controls)
         noise = {

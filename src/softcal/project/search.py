@@ -251,7 +251,7 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
             numbers[".".join(map(str, key))] = parse_quantity(value, unit)
     if len(numbers) < len(given) + sum(value is not None for value in optional.values()):
         return None
-    with findings.at((*path, "of") if section.of else path):
+    with findings.at(path):
         return FreeParameter(
             name,
             unit,

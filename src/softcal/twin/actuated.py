@@ -295,7 +295,8 @@ def limits_faults(parts: Sequence[ActuatedPart], key: str, low: float, high: flo
         return [unknown("no actuator has such a channel", "actuator_limits", key, known)]
     faults = [fault for quantity in found.values() for end in (low, high) if (fault := quantity.fault(end, where))]
     if not faults and not low < high:
-        faults.append(Fault("the limits contradict each other", where, f"{low:g} to {high:g}", "the lower one first"))
+        got = format_range(low, high, next(iter(found.values())).unit)
+        faults.append(Fault("the limits contradict each other", where, got, "the lower one first"))
     return faults[:1]
 
 

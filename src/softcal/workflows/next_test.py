@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from softcal.analysis.candidate import Candidate
-from softcal.analysis.default_candidates import default_candidates, furthest
+from softcal.analysis.default_candidates import default_candidates, like_by_default
 from softcal.analysis.next_test import NextTests, next_tests, verdict
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
@@ -107,8 +107,13 @@ def rank(
         An executor, or a number of processes, which share the trajectories.
     """
     problem = source.problem
-    like = furthest(problem).name
-    stated = [replace(test, like=test.like or like) for test in (*candidates, *source.project.candidates)]
+    stated = [
+        replace(
+            test,
+            like=test.like or like_by_default(problem.experiments, problem.robot, test.actuator, test.control).name,
+        )
+        for test in (*candidates, *source.project.candidates)
+    ]
     names = {test.name for test in stated}
     ranking = next_tests(
         problem,

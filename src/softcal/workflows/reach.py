@@ -238,9 +238,10 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     driving = {name for name in led if name in live.controls or led[name] in live.controls}
     own = {name: ends for name, ends in live.robot.limited.items() if channel_name(name).carrier in driving}
     for key, (low, high) in (*own.items(), *(limits or {}).items()):
-        if not low <= high:
-            faults.append(Fault("the limits contradict each other", f"limits.{key}", f"{low:g} to {high:g}"))
         found = numbers(key, "limits")
+        if found and not low <= high:
+            got = f"{_shown(low, units[names[found[0]]])} to {_shown(high, units[names[found[0]]])}"
+            faults.append(Fault("the limits contradict each other", f"limits.{key}", got, "the lower one first"))
         lower[found], upper[found] = np.maximum(lower[found], low), np.minimum(upper[found], high)
     tensions = [number[f"{one.name}.tension"] for one in live.actuators if one.effort == "tension"]
     if pretension and (fault := QUANTITIES["tension"].fault(pretension, "pretension")):

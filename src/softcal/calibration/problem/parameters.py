@@ -15,6 +15,7 @@ from softcal.declare import OrInfinite
 from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.twin.parameters import ParameterInfo
+from softcal.units import format_quantity, format_range
 
 Scale = Literal["linear", "log"]
 TWICE = "the parameter is free twice"
@@ -57,18 +58,19 @@ class FreeParameter(ScopedParameter):
     def __post_init__(self) -> None:
         super().__post_init__()
         faults: list[Fault] = []
-        bounds = f"{self.lower:.6g} to {self.upper:.6g} {self.unit}"
+        bounds = format_range(self.lower, self.upper, self.unit)
         if self.lower >= self.upper:
             faults.append(Fault("the bounds are reversed or equal", self.label, bounds, "lower < upper"))
         elif self.start is not None and not self.lower <= self.start <= self.upper:
-            faults.append(Fault("the start is outside the bounds", self.label, f"{self.start:.6g} {self.unit}", bounds))
+            start = format_quantity(self.start, self.unit)
+            faults.append(Fault("the start is outside the bounds", self.label, start, bounds))
         if self.scale == "log" and self.lower <= 0:
             what, attempt = "a log scale needs bounds above zero", "a linear scale, or a higher bound"
             faults.append(Fault(what, self.label, bounds, attempt=attempt))
         if (self.prior_mean is None) != (self.prior_sd is None):
             faults.append(Fault("a prior needs both a mean and an sd", self.label))
         if self.prior_sd is not None and self.prior_sd <= 0:
-            got = f"{self.prior_sd:.6g} {self.unit}"
+            got = format_quantity(self.prior_sd, self.unit)
             faults.append(Fault("the prior's sd must be above zero", self.label, got))
         if faults:
             raise ParameterError(faults)

@@ -105,6 +105,7 @@ def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]
     errors: list[dict[str, str]] = []  # with their units, "0.94 mm (0.22 %)"
     for fits in held:
         texts: dict[str, str] = {}
+        units = {name: unit for fit in fits for name, unit in fit.units.items()}  # each test has its own channels
         for name, error in pooled_errors(fits).items():
             if name == "distance":
                 lengths = {fit.length for fit in fits}
@@ -112,7 +113,7 @@ def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]
                 share = "" if length is None else f" ({100 * error / length:.3g} %)"
                 texts[name] = f"{1e3 * error:.3g} mm{share}"
             else:
-                texts[name] = format_quantity(error, fits[0].units[name], digits=3)
+                texts[name] = format_quantity(error, units[name], digits=3)
         errors.append(texts)
     names = dict.fromkeys(name for one in errors for name in one)
     for name in names:

@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import MeshError
-from softcal.geometry.overlap import depths_inside
+from softcal.geometry.locate import depths_inside
 from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
 from softcal.twin.build import twin_of

@@ -7,12 +7,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.centreline import Centreline
+from softcal.geometry.centreline import Centreline, place_on_rod
 from softcal.geometry.placement import placed_centreline
 from softcal.geometry.section import CrossSection
 from softcal.geometry.varied_section import VariedSection
 from softcal.limits import LIMITS
-from softcal.mechanics.rod_points import place_on_rod
 from softcal.project.document import Findings, KeyPath
 from softcal.project.rod_schema import RodSection
 from softcal.twin.material import Material

@@ -13,6 +13,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError, unknown
 from softcal.geometry.cell import face_keys
+from softcal.geometry.centreline import place_on_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.regions import Named, select_faces
 from softcal.geometry.shape import LENGTHS
@@ -25,7 +26,6 @@ from softcal.mechanics.kept_nodes import KeptPaths
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.neighbours import STEP, Neighbours
 from softcal.mechanics.rod import build_rod
-from softcal.mechanics.rod_points import place_on_rod
 from softcal.mechanics.solid import SolidTerm
 from softcal.mechanics.solid_build import build_solid
 from softcal.mechanics.system import System, build_system

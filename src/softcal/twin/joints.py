@@ -9,8 +9,8 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError, unknown
 from softcal.geometry.cell import LINEAR
+from softcal.geometry.locate import distances_outside
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.overlap import distances_outside
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.links import Ties
 from softcal.twin.robot import Robot, Tie

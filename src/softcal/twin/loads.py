@@ -11,6 +11,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import MeshError, unknown
 from softcal.geometry.cell import LINEAR
+from softcal.geometry.centreline import place_on_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.regions import Named, select_faces
@@ -19,7 +20,6 @@ from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.moments import Moments
-from softcal.mechanics.rod_points import place_on_rod
 from softcal.twin.robot import Moment, PointLoad, Robot, SurfaceLoad
 
 Weights = list[tuple[int, float]]

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from softcal.checks import Floats
 from softcal.geometry.bore import wall_around
-from softcal.geometry.centreline import Centreline
+from softcal.geometry.centreline import Centreline, place_on_rod
 from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach_point, attach_rate
-from softcal.mechanics.rod_points import place_on_rod
 from softcal.twin.cables import Cable, ViaPoint
 
 SPACING = 0.25  # of an edge of the tets around: the spacing of the points that represent a bore

@@ -14,6 +14,7 @@ from benchmarks.section import Goal, Section, run_alone
 from benchmarks.timing import interleaved, milliseconds, mkl_threads
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.statics import Statics
+from softcal.twin.material import Winding
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -38,7 +39,8 @@ def of_law(robot: Robot, name: str) -> Robot:
             one.name: typical[one.name] * (scale if one.quantity.unit == "Pa" else 1.0) for one in law.parameters
         }
         typical["bulk_modulus"] = kappa
-    return replace(robot, bodies=(replace(body, law=name, parameters=typical),))
+    winding = Winding(np.radians(30.0)) if law.n_directions > 1 else None  # around the neck's axis
+    return replace(robot, bodies=(replace(body, law=name, parameters=typical, winding=winding),))
 
 
 def measure(quick: bool) -> Section:

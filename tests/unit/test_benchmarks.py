@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.assembly import AGREEMENT, difference
+from benchmarks.laws import of_law
 from benchmarks.mesh_table import Kind, Row, verdict
+from benchmarks.neck_case import standard_robot
 from benchmarks.peers import Task, felupe_assembler, scikit_fem_assembler, softcal_assembler
 from benchmarks.same_numbers import difference as apart
 from benchmarks.same_numbers import numbers
@@ -16,6 +18,7 @@ from benchmarks.section import Goal, Section
 from benchmarks.timing import interleaved
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
+from softcal.materials.catalogue import LAWS
 
 
 def test_a_goal_is_met_up_to_its_limit():
@@ -62,6 +65,15 @@ def test_the_verdict_names_the_smallest_mesh_that_is_near_enough():
 def test_a_mesh_that_is_not_eight_times_smaller_does_not_count():
     even = Kind("even", "P2P1")
     assert "**not**" in verdict([[row(even, 1000, 13.0), row(even, 5000, 11.0), row(even, 37000, 11.0)]])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_neck_of_any_law_has_the_moduli_of_the_first(name: str):
+    neck = standard_robot("P1")
+    (body,), law = of_law(neck, name).bodies, LAWS[name]
+    shear = LAWS[neck.bodies[0].law].shear_modulus(neck.bodies[0].parameters)
+    assert body.law == name
+    assert law.shear_modulus(body.parameters) == pytest.approx(shear)
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -20,7 +20,7 @@ from softcal.calibration.results.fit import experiment_fit
 from softcal.errors import DatasetError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.hysteresis import loops
-from softcal.experiments.plausibility import check_plausible
+from softcal.experiments.plausibility import absolute_pressures, check_plausible
 from softcal.experiments.prepare import parse_steps, prepare
 from softcal.experiments.steps.branches import take_branch
 from softcal.experiments.steps.cycles import find_cycles
@@ -186,11 +186,11 @@ def test_settings_have_the_units_of_the_actuator() -> None:
     ("values", "told"),
     [
         (("1 ml", "10 kPa"), ""),
-        (("1 l", "10 Pa"), "the main.pressure rises by 0.01 Pa/ml of the main.volume"),
+        (("1 l", "10 Pa"), "main.pressure rises by 0.01 Pa/ml of main.volume"),
         (("1 mm^3", "900 GPa"), "a wrong unit of one of the two (kPa read as MPa, or ml read as l, or the reverse)"),
-        (("1 ml", "-10 kPa"), "the main.pressure falls as the main.volume rises, by -10 kPa/ml"),
+        (("1 ml", "-10 kPa"), "test: main.pressure falls as main.volume rises, by -10 kPa/ml"),
         (("-1 ml", "-10 kPa"), ""),
-        (("0 ml", "10 kPa"), "the main.volume never changes: is it the right column?"),
+        (("0 ml", "10 kPa"), "test: main.volume never changes: is it the right column?"),
     ],
 )
 def test_a_stiffness_is_plausible_of_any_actuator(values: tuple[str, str], told: str) -> None:
@@ -198,6 +198,14 @@ def test_a_stiffness_is_plausible_of_any_actuator(values: tuple[str, str], told:
     most = [parse_quantity(value, unit) for value, unit in zip(values, ("m^3", "Pa"), strict=True)]
     warnings = check_plausible(dataset(main__volume=most[0] * share, main__pressure=most[1] * share))
     assert told in " ".join(warnings)
+
+
+@pytest.mark.parametrize(("first", "told"), [("1013 mbar", "is it absolute?"), ("0 kPa", ""), ("150 kPa", "")])
+def test_an_absolute_pressure_is_suspected(first: str, told: str) -> None:
+    values = parse_quantity(first, "Pa") + np.linspace(0.0, 5e3, 10)
+    warnings = " ".join(absolute_pressures(dataset(main__pressure=values)))
+    assert told in warnings
+    assert bool(warnings) == bool(told)
     assert bool(told) == bool(warnings)
 
 

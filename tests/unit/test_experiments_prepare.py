@@ -251,10 +251,10 @@ def test_a_tension_that_falls_is_not_said_never_to_change() -> None:
         channels = {"shortening": Channel(d, "m"), "tension": Channel(tension, "N")}
         return " ".join(check_plausible(Dataset("pull", channels)))
 
-    constant = "pull: the tension never changes: is it the right column?"
+    constant = "pull: tension never changes: is it the right column?"
     assert told(np.full(50, 0.1)) == constant
     assert told(np.where(d < 1e-3, 0.102, 0.0968)) == (
-        "pull: the tension does not rise with the shortening (0.0968 to 0.102 N): is it the right column?"
+        "pull: tension does not rise with shortening (0.0968 to 0.102 N): is it the right column?"
     )
     assert "right column" not in told(100 * d)
     assert str(Fault(constant, "p.yaml:3")) == f"p.yaml:3: {constant}"

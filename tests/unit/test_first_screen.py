@@ -318,6 +318,10 @@ def test_separate_fits_that_differ_are_told_as_a_range() -> None:
     assert found.warnings[0].startswith("E differs between the separate fits by 9.4 %")
     assert found.sentences[0] == "E = 3.197 to 3.513 MPa test by test, from 3 separate fits."
     assert "the tests differ in E by more than their noise explains: more samples" in found.sentences[1]
+    stopped = separate((3.513, 0.0036), (3.313, 0.0055))
+    last = list(stopped)[-1]
+    stopped[last] = replace(stopped[last], converged=False)
+    assert verdict(content(stopped)).sentences[0].endswith(f"2 separate fits; not found yet: the minimum of {last}.")
     alike = verdict(content(separate((3.3, 0.1), (3.31, 0.1))))
     assert "differ" not in alike.text
 

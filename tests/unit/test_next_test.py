@@ -210,10 +210,8 @@ def test_a_candidate_is_by_default_like_a_test_of_its_own_kind_of_actuator() -> 
     pulled = {"tug.tension": Channel(np.array([0.0, 50.0]), "N"), "tip.pitch": Channel(np.zeros(2), "rad", 1e-3)}
     turn, pull = *problem.experiments, Experiment("pull", Dataset("pull", pulled), drive=("tug.tension",))
 
-    def like(actuator: str = "", control: str = "") -> str:
-        return like_by_default([turn, pull], robot, actuator, control).name
-
-    found = [like(), like("other"), like("", "angle"), like("tow"), like("", "tension")]
+    stated = [(), (["angle", "torque"],), ((), ["angle"]), (["shortening", "tension"], [""]), (["pressure"],)]
+    found = [like_by_default([turn, pull], *controls).name for controls in stated]
     assert found == ["pull", "turn", "turn", "pull", "pull"]
     names = {one.name for one in default_candidates(replace(problem, robot=robot, experiments=(turn, pull)))}
     assert {"other as turn", "tow as pull"} <= names

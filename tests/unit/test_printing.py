@@ -172,6 +172,17 @@ def test_paths_are_shown_as_seen_from_the_present_folder(
     assert shown_path(Path(written.format(here=tmp_path))) == shown
 
 
+def test_the_rounding_of_a_channel_is_not_shown(printed: Printed, tmp_path: Path) -> None:
+    run("init", "bellows", tmp_path / "bellows")
+    path = tmp_path / "bellows/project.yaml"
+    coarse = path.read_text(encoding="utf-8").replace("folds: 3", "folds: 2, layers: 4, sectors: 4")
+    path.write_text(coarse.replace("0 mm, 39 mm]", "0 mm, 27 mm]"), encoding="utf-8")
+    run("simulate", path, "--pull", "main=1kPa", "--out", tmp_path / "blown")
+    shown = cells(printed())
+    assert {"tip.x", "0 mm"} <= shown
+    assert not [cell for cell in shown if "e-" in cell]
+
+
 @pytest.mark.slow
 def test_commands_show_paths_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     write_project(tmp_path)

@@ -287,6 +287,7 @@ def test_the_template_checks_and_pulls(tmp_path: Path):
     rows = dict(check(project).rows)
     assert rows["rod spring1"].startswith("298.5 mm long, 36 elements, 9 mm thick, attached: base at 0 mm")
     assert rows["marker marker4"] == "on S4"
+    assert rows["plate S4"] == "on spring4, 6 holes, mass 20 g"
     text = (tmp_path / "m" / "project.yaml").read_text()
     assert text.count("assumption") >= 15
     by_force = simulate(project.robot, parse_pulls(project.robot, ["cable6=19.62N"]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
@@ -26,7 +26,7 @@ def default_candidates(problem: Problem) -> list[Candidate]:
 
     For the furthest test of each actuator: again, further, less far. For the furthest of all: by the actuator's other
     control; with an additional sensor of the kinds that the robot's parts have; with a sensor five times better; with
-    heavier loads. And actuators of its kind that were not driven, as far.
+    heavier loads. And actuators that were not driven, as far as the furthest of their kind.
     """
     references = _references(problem.experiments)
     found: list[Candidate] = []
@@ -36,7 +36,7 @@ def default_candidates(problem: Problem) -> list[Candidate]:
             for share in (FURTHER, LESS_FAR):
                 name = f"{like.name} {share:g} times as far"
                 found.append(Candidate(name=name, like=like.name, reach=share * like.reach))
-    like = furthest(problem)
+    like = like_by_default(problem.experiments)
     if len(like.drives) == 1:
         driven = like.twin_channel(like.drives[0])
         other = other_of(driven.kind)
@@ -53,40 +53,20 @@ def default_candidates(problem: Problem) -> list[Candidate]:
         name = f"{like.name} with a {BETTER:g} times better {what}"
         found.append(Candidate(name=name, like=like.name, better=dict.fromkeys(channels, BETTER)))
     found += _heavier(problem, like)
-    single = [reference for reference in references if len(reference.drives) == 1]
-    before = {experiment.twin_channel(c).carrier for experiment in references for c in experiment.drives}
+    single = [one for one in references if len(one.drives) == 1]
+    before = {one.twin_channel(c).carrier for one in references for c in one.drives}
     for part in problem.robot.commandable:
-        alike = [one for one in single if one.twin_channel(one.drives[0]).kind in part.channels]
-        if alike and part.name not in before:
-            most = max(alike, key=_effort)
+        alike = [one for one in single if part.name not in before and controls_of(one) == {*part.controls}]
+        for most in sorted(alike, key=_effort)[-1:]:
             found.append(Candidate(name=f"{part.name} as {most.name}", like=most.name, actuator=part.name))
     return found
 
 
-def furthest(problem: Problem) -> Experiment:
-    """The experiment with the largest effort, over what a common instrument of it errs by."""
-    return max(_references(problem.experiments), key=_effort)
-
-
-def like_by_default(
-    experiments: Sequence[Experiment], robot: Robot, actuator: str = "", control: str = ""
-) -> Experiment:
-    """The experiment that a test is like where nothing is stated: of those whose actuator is of the kind of its own and
-    has its control, the one with the largest effort; of all, where there is none.
-
-    Parameters
-    ----------
-    experiments
-        One or more.
-    robot
-        The robot.
-    actuator
-        The actuator that the test drives; "": that of the experiment.
-    control
-        Its coordinate or effort, such as "pressure"; "": that of the experiment.
+def like_by_default(experiments: Sequence[Experiment], *controls: Collection[str]) -> Experiment:
+    """The experiment of the largest effort, over what a common instrument errs by: of those with one of each group of
+    controls, such as those of an actuator; of all, where none has.
     """
-    wanted = [set(part.controls) for part in robot.commandable if part.name == actuator] + [{control}] * bool(control)
-    able = [one for one in experiments if all(controls_of(one) & each for each in wanted)]
+    able = [one for one in experiments if all(controls_of(one) & {*group} for group in controls if any(group))]
     return max(_references(able or experiments), key=_effort)
 
 

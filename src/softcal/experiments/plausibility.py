@@ -13,13 +13,16 @@ from softcal.experiments.header import column_unit
 from softcal.experiments.steps.branches import curve
 from softcal.experiments.table import is_unit_of, split_header
 from softcal.sensing.channel import channel_name
-from softcal.units import unit_factor
+from softcal.sensing.sensors.chamber import PRESSURE
+from softcal.units import format_quantity, unit_factor
 
 _MAX_SPEED = 1.0  # [m/s]
 _MIN_ANGLE = 1e-3  # [rad]
 _BINS = 20
 _REPEATED = 0.1  # share of rows that may repeat the one before, as at a standstill that is coarsely resolved
 _CHANCE = 2  # distinct values, which two tests may well have in common
+_ATMOSPHERE = unit_factor("atm", "Pa")
+_ATMOSPHERIC = 0.05  # of it, within which a record of an absolute pressure begins
 _FLOOR = 0.1  # share of the effort's range that still counts as slack
 
 
@@ -79,6 +82,17 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     return tuple(f"{dataset.name}: {warning}" for warning in warnings)
 
 
+def absolute_pressures(prepared: Dataset) -> tuple[str, ...]:
+    """One sentence for each pressure of a prepared record that changes, and begins at that of the atmosphere."""
+    pressures = {key: one.values for key, one in prepared.channels.items() if channel_name(key).kind == PRESSURE}
+    text = "{0} begins at {1}: is it absolute? zero: {{channel: {0}, by: 101.325 kPa}} takes the atmosphere's off"
+    return tuple(
+        text.format(key, format_quantity(values[0], "Pa"))
+        for key, values in pressures.items()
+        if abs(values[0] / _ATMOSPHERE - 1.0) < _ATMOSPHERIC and np.ptp(values) > 0.0
+    )
+
+
 def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Test -> an earlier one with the same measured values in every sample of the same compared channels.
 
@@ -106,7 +120,7 @@ def _stiffness(dataset: Dataset) -> list[str]:
         return [f"the record has one sample, and {needed}: do where or skip_rows leave out too many?"]
     for name, values in ((of.coordinate, coordinate), (of.effort, effort)):
         if np.ptp(values) <= 0.0:
-            return [f"the {name} never changes: is it the right column?"]
+            return [f"{name} never changes: is it the right column?"]
     s, means = curve(coordinate, {of.effort: effort}, _BINS)
     force = means[of.effort]
     if len(s) < 2:
@@ -115,7 +129,7 @@ def _stiffness(dataset: Dataset) -> list[str]:
     if not taut.any():
         measured, unit = dataset.values(of.effort), of.units[1]
         ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
-        return [f"the {of.effort} does not rise with the {of.coordinate} ({ends}): is it the right column?"]
+        return [f"{of.effort} does not rise with {of.coordinate} ({ends}): is it the right column?"]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
     (coordinate_kind, effort_kind), shown = of.kinds, of.slope_in_words(median)
     lower, upper = effort_kind.slope or (0.0, np.inf)
@@ -126,7 +140,7 @@ def _stiffness(dataset: Dataset) -> list[str]:
             f"shortening: does the machine write tension or displacement negative (scale: -1)?"
         ]
     if median < 0.0:
-        falls = f"the {of.effort} falls as the {of.coordinate} rises, by {shown} (median)"
+        falls = f"{of.effort} falls as {of.coordinate} rises, by {shown} (median)"
         return [f"{falls}: is one of the two written with the other sign (scale: -1)?"]
     if lower <= median <= upper:
         return []
@@ -137,7 +151,7 @@ def _stiffness(dataset: Dataset) -> list[str]:
             f"the stiffness dT/dd is {median:.3g} N/m (median), expected {lower:g} to {upper:g} N/m: "
             f"force in kN or displacement in m by mistake ({force_guess}, or {guess} read as mm)?"
         ]
-    rises = f"the {of.effort} rises by {shown} of the {of.coordinate} (median)"
+    rises = f"{of.effort} rises by {shown} of {of.coordinate} (median)"
     ends = " to ".join(of.slope_in_words(end) for end in (lower, upper))
     mistakes = f"{effort_kind.mistake}, or {coordinate_kind.mistake}, or the reverse"
     return [f"{rises}, expected {ends}: a wrong unit of one of the two ({mistakes})?"]

@@ -83,7 +83,8 @@ def build_candidates(
         if section.actuator and section.actuator not in known:
             findings.unknown((*path, "actuator"), robot.actuator_word, section.actuator, known)
         control, reach = next(iter(section.reach.items()), ("", None))
-        default = like_by_default(list(experiments.values()), robot, section.actuator, control)
+        of_actuator = known[section.actuator].controls if section.actuator in known else ()
+        default = like_by_default([*experiments.values()], of_actuator, [control])
         like = experiments.get(section.like, default)
         if control and control not in (controls := controls_of(like)):
             findings.unknown((*path, control), "control", control, controls)

@@ -136,7 +136,9 @@ def _estimates(of: FirstScreen) -> str:
         ranges = {one.name: range_text(one) for one in agreements(of.results)}
         names = list(dict.fromkeys(one.name for one in material))
         parts = [_over_tests(name, names, ranges, material) for name in names]
-        return f"{joined(parts)}, from {len(results)} separate fits."
+        early = joined(result_label(label) for label, result in results.items() if result.missed_minimum)
+        doubt = f"; not found yet: the minimum of {early}" if early else ""
+        return f"{joined(parts)}, from {len(results)} separate fits{doubt}."
     parts = [one.sentence for one in material[:_FEW]]
     parts += [f"{len(material) - _FEW} more"] if len(material) > _FEW else []
     (result,) = results.values()

@@ -199,8 +199,8 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
     for plate in robot.plates:
         carriers = [f"{len(nodes)} nodes of {body}" for body, nodes in plate.nodes.items()]
         carriers += [rod.name for rod in robot.rods if plate.name in rod.clamped]
-        holes = f"{len(plate.holes)} holes, " if plate.holes else ""
-        mass = "fixed" if plate.fixed else f"mass {plate.mass:.4g} kg"
+        holes = f"{len(plate.holes)} hole{'s' * (len(plate.holes) > 1)}, " if plate.holes else ""
+        mass = "fixed" if plate.fixed else f"mass {format_quantity(plate.mass, 'kg')}"
         rows.append((f"plate {plate.name}", f"on {', '.join(carriers) or 'nothing'}, {holes}{mass}"))
     rows += cable_rows(robot)
     volumes = {term.name: term.rest_volume for term in twin_of(robot).system.of(ChamberTerm)}

@@ -107,13 +107,10 @@ def rank(
         An executor, or a number of processes, which share the trajectories.
     """
     problem = source.problem
-    stated = [
-        replace(
-            test,
-            like=test.like or like_by_default(problem.experiments, problem.robot, test.actuator, test.control).name,
-        )
-        for test in (*candidates, *source.project.candidates)
-    ]
+    controls = {part.name: part.controls for part in problem.robot.commandable}
+    tests = [*candidates, *source.project.candidates]
+    like = [like_by_default(problem.experiments, controls.get(one.actuator, ()), [one.control]) for one in tests]
+    stated = [replace(test, like=test.like or default.name) for test, default in zip(tests, like, strict=True)]
     names = {test.name for test in stated}
     ranking = next_tests(
         problem,
@@ -130,17 +127,9 @@ def candidates_csv(found: NextTests) -> str:
     """A row for each candidate, in the order of the ranking; the interval in SI."""
     header = ["candidate", "like", "parameter", "unit", "lower", "upper", "of present length [1]"]
     rows = [
-        [
-            outlook.candidate.name,
-            outlook.candidate.like,
-            found.parameter,
-            found.unit,
-            *(outlook.interval or (None, None)),
-            outlook.share,
-            outlook.joint,
-            outlook.failure,
-        ]
-        for outlook in found.outlooks
+        [one.candidate.name, one.candidate.like, found.parameter, found.unit, *(one.interval or (None, None))]
+        + [one.share, one.joint, one.failure]
+        for one in found.outlooks
     ]
     return csv_text([*header, "all parameters, of present standard errors [1]", "not possible because"], rows)
 

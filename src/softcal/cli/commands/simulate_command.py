@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from softcal.twin.response import Response
 
 
+_ROUNDING = 1e-12  # of the largest value of a channel, and of its SI unit: less is the rounding of the solver
+
+
 @register_command("start", 3)
 def simulate(
     project: ProjectFile,
@@ -88,7 +91,9 @@ def simulate(
     for channel, unit in {name: unit for one in shown.values() for name, unit in one.units.items()}.items():
         cells: list[str] = []
         for response in shown.values():
-            found = [value + 0.0 for value in response.channels.get(channel, ())]  # no "-0"
+            values = list(response.channels.get(channel, ()))
+            least = max(_ROUNDING, _ROUNDING * max(map(abs, values), default=0.0))
+            found = [value if abs(value) > least else 0.0 for value in values]  # no "-0"
             low, high = min(found, default=0.0), max(found, default=0.0)
             text = format_range(low, high, unit, digits=4) if low < high else format_quantity(low, unit)
             cells.append(text if found else "")

@@ -6,16 +6,10 @@ from scripts.house import floors, house
 
 # Figure -> its limit at present, and its goal. A change that lowers a figure lowers the limit.
 LIMITS = {
-<<<<<<< HEAD
-    "lines": (107_765, 73_000),
-    "lines of the core": (87_792, 50_000),
-    "private helpers called once": (467, 400),
-=======
-    "lines": (107_725, 73_000),
-    "lines of the core": (87_822, 50_000),
-    "private helpers called once": (468, 400),
->>>>>>> bb0d7e4233b41c79bae45730ca727e7306cded75
-    "files below 60 lines": (96, 80),
+    "lines": (107_775, 73_000),
+    "lines of the core": (87_802, 50_000),
+    "private helpers called once": (466, 400),
+    "files below 60 lines": (94, 80),
     "share of imports [%]": (8.0, 7.0),
     "public functions of 3 arguments without Parameters": (0, 0),
 }

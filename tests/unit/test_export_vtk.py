@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,17 @@ def test_a_shape_is_a_grid_that_pyvista_draws():
     live = LiveTwin(robot, {"front": "shortening"})
     at = shape_grid(robot, live.at({"front": 0.02}).shape)
     np.testing.assert_allclose(at["stress"], bent["stress"], atol=1e-4 * np.abs(bent["stress"]).max())
+
+
+def test_a_part_may_have_any_letters_in_its_name():
+    pytest.importorskip("pyvista")
+    robot = column_robot("P1", divisions=(1, 1, 2))
+    (body,), (plate,) = robot.bodies, robot.plates
+    named = replace(
+        robot, bodies=(replace(body, name="Süd"),), plates=(replace(plate, nodes={"Süd": plate.nodes["neck"]}),)
+    )
+    shape = simulate(named, pulled(0.0), snapshots=True).snapshots[0]
+    assert [*shape_grid(named, shape).field_data["parts"]] == ["S\\xfcd", "front"]
 
 
 def test_a_shape_of_another_robot_is_refused():

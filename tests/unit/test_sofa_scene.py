@@ -378,6 +378,20 @@ def test_foreign_bodies_of_other_laws_are_identified_within_what_their_ratio_may
     assert parameters["re_identified"]["neck.poissons_ratio"]["scene"] <= 0.49
 
 
+def test_angles_that_are_zero_but_for_rounding_are_not_compared(tmp_path, monkeypatch):
+    def symmetric(robot, protocol):
+        found = simulate(robot, protocol)
+        angles = {name for name, unit in found.units.items() if unit == "rad"}
+        return replace(found, channels={n: x * (1e-16 if n in angles else 1.0) for n, x in found.channels.items()})
+
+    monkeypatch.setattr("softcal.plugins.sofa.identify._simulated", symmetric)
+    robot = column_robot("P2P1", parameters=elastic(2e6, 0.47), divisions=(1, 1, 4))
+    write_sofa(robot, pulled(*np.linspace(0.0, 0.01, 5)), tmp_path, "robot")
+    left = json.loads((tmp_path / "robot" / "parameters.json").read_text())["differences_left"]
+    assert "front.tension" in left
+    assert "plate.pitch" not in left
+
+
 def test_own_bodies_keep_their_parameters(tmp_path):
     robot = column_robot("P1", parameters=elastic(2e6, 0.3))
     write_sofa(robot, pulled(0.01), tmp_path, "robot")

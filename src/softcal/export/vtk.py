@@ -191,7 +191,8 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
     grid.cell_data["von_mises"] = von_mises(stress)
     grid.cell_data["strain"] = np.concatenate(cells.strain).reshape(-1, 9)
     grid.cell_data["part"] = np.array(cells.part)
-    grid.field_data["parts"] = names
+    # VTK has texts of ASCII alone: another letter is written as in Python's strings, \xfc.
+    grid.field_data["parts"] = [name.encode("ascii", "backslashreplace").decode() for name in names]
     for name, info in robot_parameters(robot).items():
         grid.field_data[f"{name} [{info.unit}]"] = [info.value]
     for part in robot.actuated:

@@ -91,9 +91,9 @@ def simulate(
     for channel, unit in {name: unit for one in shown.values() for name, unit in one.units.items()}.items():
         cells: list[str] = []
         for response in shown.values():
-            values = list(response.channels.get(channel, ()))
-            least = max(_ROUNDING, _ROUNDING * max(map(abs, values), default=0.0))
-            found = [value if abs(value) > least else 0.0 for value in values]  # no "-0"
+            seen = [float(value) for value in response.channels.get(channel, ())]
+            least = _ROUNDING * max(1.0, *map(abs, seen))
+            found = [value if abs(value) > least else 0.0 for value in seen]  # no "-0"
             low, high = min(found, default=0.0), max(found, default=0.0)
             text = format_range(low, high, unit, digits=4) if low < high else format_quantity(low, unit)
             cells.append(text if found else "")

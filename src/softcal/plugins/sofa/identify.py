@@ -20,6 +20,7 @@ from softcal.calibration.run import calibrate
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.plugins.sofa.robot import LinearRobot, is_its_own
+from softcal.quantities import QUANTITIES
 from softcal.sensing.channel import channel_name, positions
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import with_parameters
@@ -113,7 +114,8 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
         if channel not in drives and channel_name(channel).carrier not in idle
     }
     largest = {unit: max((change[c] for c in change if target.units[c] == unit), default=0.0) for unit in UNITS}
-    compared = tuple(c for c in change if change[c] > 1e-6 * largest[target.units[c]])
+    moved = {unit for unit, size in largest.items() if NOISE * size > QUANTITIES["noise"].lower}  # more than rounding
+    compared = tuple(c for c in change if target.units[c] in moved and change[c] > 1e-6 * largest[target.units[c]])
     if not compared:
         raise ParameterError(
             Fault(

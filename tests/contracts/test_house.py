@@ -6,17 +6,10 @@ from scripts.house import floors, house
 
 # Figure -> its limit at present, and its goal. A change that lowers a figure lowers the limit.
 LIMITS = {
-<<<<<<< HEAD
-    "lines": (107_775, 73_000),
-    "lines of the core": (87_802, 50_000),
+    "lines": (107_778, 73_000),
+    "lines of the core": (87_803, 50_000),
     "private helpers called once": (466, 400),
     "files below 60 lines": (94, 80),
-=======
-    "lines": (107_728, 73_000),
-    "lines of the core": (87_823, 50_000),
-    "private helpers called once": (468, 400),
-    "files below 60 lines": (96, 80),
->>>>>>> a95c6fd8f907acaf883e8d18a999852dfdeb0831
     "share of imports [%]": (8.0, 7.0),
     "public functions of 3 arguments without Parameters": (0, 0),
 }

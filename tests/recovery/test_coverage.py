@@ -27,7 +27,7 @@ AT_LENGTH = {"likelihood": 100, "papers": 100, "likelihood-understated": 100, "p
 @pytest.mark.parametrize(  # the page has 200 studies of each
     ("name", "studies"),
     [
-        ("likelihood", 15),
+        ("likelihood", 25),
         pytest.param("papers", 40, marks=pytest.mark.long),
         *(pytest.param(name, studies, marks=pytest.mark.long) for name, studies in AT_LENGTH.items()),
     ],

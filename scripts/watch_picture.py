@@ -61,11 +61,11 @@ def _ready(text: str) -> bool:
 
 
 def reduce(path: Path) -> None:
-    """Write a picture with fewer colours: a quarter of the bytes."""
+    """Write a picture with fewer colours, thin lines' among them: a quarter of the bytes."""
     from PIL import Image
 
     with Image.open(path) as picture:
-        picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=200).save(path, optimize=True)
+        picture.convert("RGB").quantize(200, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
 
 
 if __name__ == "__main__":

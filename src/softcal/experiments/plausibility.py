@@ -21,7 +21,7 @@ _MIN_ANGLE = 1e-3  # [rad]
 _BINS = 20
 _REPEATED = 0.1  # share of rows that may repeat the one before, as at a standstill that is coarsely resolved
 _CHANCE = 2  # distinct values, which two tests may well have in common
-_ATMOSPHERE = unit_factor("atm", "Pa")
+_ATMOSPHERE = 101_325.0  # [Pa]
 _ATMOSPHERIC = 0.05  # of it, within which a record of an absolute pressure begins
 _FLOOR = 0.1  # share of the effort's range that still counts as slack
 

@@ -115,7 +115,7 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "bounds reversed": (
         ("[0.1 MPa, 40 MPa]", "[40 MPa, 0.1 MPa]"),
-        ("project.yaml:34: parameters.bar.youngs_modulus", "reversed", "4e+07 to 100000 Pa", "lower < upper"),
+        ("project.yaml:34: parameters.bar.youngs_modulus", "reversed", "40 MPa to 100 kPa", "lower < upper"),
     ),
     "a log scale through zero": (
         ("front.slack: {bounds: [0 mm, 5 mm]", "front.slack: {bounds: [0 mm, 5 mm], scale: log"),

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import softcal
-from benchmarks.machine import load, machine
+from benchmarks.machine import machine
 from benchmarks.reach import neck
 from benchmarks.section import Goal, Section, run_alone, table
 from benchmarks.timing import mkl_threads
@@ -170,7 +170,7 @@ def written(section: Section) -> str:
     models = table(heads, [[row[k] for k in at] for row in section.rows])
     of_pages = table(["page", "inputs", "equilibria", "error", "size", "CPU time"], [*pages()])
     values = {"models": "\n".join(models), "pages": "\n".join(of_pages)}
-    return written_page(PAGE, {**values, "processor": dict(machine())["processor"], "load": load()})
+    return written_page(PAGE, {**values, "processor": dict(machine())["processor"]})
 
 
 def _seconds(function: Callable[[], object]) -> float:

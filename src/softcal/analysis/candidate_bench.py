@@ -179,15 +179,15 @@ def simulated(
         n_solves += found.n_solves
     if found.loss is None:
         raise SimulationError(f"The twin cannot be simulated at the values found. {found.failure}")
+    plans = [plan for plan in plans if plan.test.name in found.observations]
     limits = whole.robot.limited
-    for plan in (plan for plan in plans if plan.test.name in found.observations):
-        beyond, before = (
-            faults_of_limits(limits, found.observations[one.name].response) for one in (plan.test, plan.like)
-        )
-        # Limits that the experiment itself left are not those of the bench.
-        if new := [fault for fault in beyond if fault.what not in {one.what for one in before}]:
+    beyond = {name: faults_of_limits(limits, one.response) for name, one in found.observations.items()}
+    for plan in plans:
+        # A limit that an experiment has exceeded does not bind the tests like it.
+        exceeded = {fault.what for fault in beyond[plan.like.name]}
+        if new := [fault for fault in beyond[plan.test.name] if fault.what not in exceeded]:
             failures[plan.test.name] = " ".join(map(str, new))
-    plans = [plan for plan in plans if plan.test.name in found.observations and plan.test.name not in failures]
+    plans = [plan for plan in plans if plan.test.name not in failures]
     rows = {name: held for name, held in _rows(problem, whole, found).items() if name not in failures}
     if not mesh_error:
         return Simulated(rows, failures, n_solves, problem.uncertain, NO_MESH)

@@ -63,8 +63,8 @@ def default_candidates(problem: Problem) -> list[Candidate]:
 
 
 def like_by_default(experiments: Sequence[Experiment], *controls: Collection[str]) -> Experiment:
-    """The experiment of the largest effort, over what a common instrument errs by: of those with one of each group of
-    controls, such as those of an actuator; of all, where none has.
+    """The experiment of the largest effort, over the noise of a common instrument, whose actuator has a control of each
+    group, such as those of another actuator; of all experiments where none has.
     """
     able = [one for one in experiments if all(controls_of(one) & {*group} for group in controls if any(group))]
     return max(_references(able or experiments), key=_effort)

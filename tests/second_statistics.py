@@ -408,15 +408,17 @@ class Estimator:
             self.answers += [[limit * row for row in answer] for _, answer in found]
 
     def _add_misfits(self) -> None:
-        """The clearest cause in a channel with more than noise, from its size in the residuals down to none."""
+        """The causes in a channel that may have more than noise, by their probabilities, as large or smaller."""
         for e in self.fit.experiments:
             worths = causes(self.fit, e)
             for b in (b for b in self.fit.blocks if b.experiment == e):
                 clear, worth, changes = worths[b.channel]
-                if clear > 5 and changes:
-                    change = changes[max(changes, key=lambda cause: worth[cause][0])] / math.sqrt(3)
-                    row, alone = b.bent(change[:, None]).T @ b.pull, change[None, :] @ b.pull
-                    one = Source("misfit", [row], [e], [alone])
+                beyond_chance = clear**2 - 2 * math.log(max(len(worths), 2) / 2)
+                if beyond_chance > 9 and changes:
+                    odds = {cause: math.exp(worth[cause][0] ** 2 / 2 - clear**2 / 2) for cause in changes}
+                    likely = [math.sqrt(odds[cause] / sum(odds.values())) * changes[cause] for cause in changes]
+                    missing = np.stack(likely, axis=1) * math.sqrt(min(math.sqrt(beyond_chance) - 3, 1) / 3)
+                    one = Source("misfit", [b.bent(missing).T @ b.pull], [e], [missing.T @ b.pull])
                     self.sources.append(one)
                     self.answers.append(self._answer(one))
 

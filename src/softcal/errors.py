@@ -93,9 +93,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def _alike(name: str, known: Iterable[str], n: int, cutoff: float = 0.0) -> list[str]:
-    """The n known names most similar to `name`, the most similar first."""
-    folded = {candidate.casefold(): candidate for candidate in known}
-    return [folded[one] for one in difflib.get_close_matches(name.casefold(), folded, n, cutoff)]
+    """The n known names most similar to `name`, the most similar first; before them names of which it is a part, or
+    which are a part of it: "a.pressure" where it is "a".
+    """
+    folded, name = {candidate.casefold(): candidate for candidate in known}, name.casefold()
+    related = [one for one in folded if name in one.split(".") or one in name.split(".")]
+    first = difflib.get_close_matches(name, related, n, 0.0)
+    return [folded[one] for one in dict.fromkeys([*first, *difflib.get_close_matches(name, folded, n, cutoff)])][:n]
 
 
 def unknown(

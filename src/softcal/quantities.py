@@ -101,7 +101,10 @@ class Quantity:
         ParameterError
             Where the number lies outside the range.
         """
-        return self.checked(parse_quantity(value, self.unit, where=where), where=where)
+        number = parse_quantity(value, self.unit, where=where)
+        if fault := self.fault(number, where):
+            raise ParameterError(replace(fault, got=value.strip() if isinstance(value, str) else shown(value)))
+        return number
 
     def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
         return Reading(self.read, "instead").__get_pydantic_core_schema__(source, handler)

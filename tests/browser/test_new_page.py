@@ -18,6 +18,7 @@ FINGER = Path(__file__).parents[2] / "examples" / "finger"
 WIDE = {390: 844, 1400: 1000}
 
 
+@pytest.mark.long
 def test_a_finger_is_set_up_by_clicks(tmp_path: Path, serve: Callable[..., Server], look: Callable[..., Seen]):
     for one in (FINGER / "finger.stl", *FINGER.glob("data/*.csv")):
         shutil.copy(one, tmp_path)

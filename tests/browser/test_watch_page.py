@@ -258,7 +258,7 @@ def test_a_calibration_from_its_begin_to_its_report(tmp_path: Path, serve: Serve
         assert elsewhere(seen) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_page_whose_server_went_and_came_back(tmp_path: Path, serve: Serve, look: Look):
     run = write_run(tmp_path / "run")
     place = run / "calibrations" / "joint"

@@ -445,7 +445,7 @@ def test_events_that_say_what_the_page_does_not_ask(tmp_path: Path) -> None:
             assert posted(page, place, sent) == 200
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pages_that_no_browser_connects(tmp_path: Path) -> None:
     run_folder(tmp_path / "run")
     with contextlib.contextmanager(served)(tmp_path / "run") as page:
@@ -455,7 +455,7 @@ def test_pages_that_no_browser_connects(tmp_path: Path) -> None:
         assert page.largest < MOST // 2, f"the page has taken {page.largest / 1e6:.0f} MB"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_pages_beyond_those_that_browsers_may_have_open(tmp_path: Path) -> None:
     """They are refused with a sentence, until one of the others is closed."""
     run_folder(tmp_path / "run")

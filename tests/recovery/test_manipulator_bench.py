@@ -100,7 +100,7 @@ def test_every_modulus_is_found_from_a_start_twice_off(each: CalibrationResult, 
     assert each.parameters["discs.mass"].value == pytest.approx(0.0206, rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_was_held_out_is_met_far_better_than_by_the_best_cell(project: Project, each: CalibrationResult) -> None:
     paper = sweep(project)
     assert paper.result.loss is not None

@@ -31,7 +31,7 @@ def test_the_truth_that_it_states_is_found(tmp_path: Path):
     assert found["value"] == pytest.approx(1e9 * float(stated[1]), rel=0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_check_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     run = calibrated(tmp_path)
     capsys.readouterr()

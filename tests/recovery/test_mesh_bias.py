@@ -84,7 +84,7 @@ def test_the_bias_of_linear_tets_is_foretold():
     assert foretold[SLACK] == pytest.approx(actual[SLACK], rel=0.25)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_parameters_that_trade_off_are_foretold_as_a_refit_with_noise_finds_them():
     fine = halved(neck())
     problem = coarse_problem(neck(), measured_on(fine, 1.0), LikelihoodLoss(), (E, NU, SLACK))

@@ -97,7 +97,7 @@ def test_the_force_is_brought_to_the_neck(generator: ModuleType, project: Projec
 # --- the calibration --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_tests_jointly_give_the_modulus_within_what_the_mesh_adds(
     joint: CalibrationResult, loading_modulus: float
 ) -> None:

@@ -152,7 +152,7 @@ def test_cycles_tell_them_apart(project: Project, cycles: ModuleType, truth: dic
 # --- the files ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_generator_writes_the_record_that_is_kept(
     cycles: ModuleType, truth: dict[str, Any], record: Any, tmp_path: Path
 ) -> None:

@@ -27,7 +27,7 @@ def softcal(*arguments: object) -> None:
     assert not left.value.code
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_routing_radius_five_per_cent_off_is_found_with_the_modulus(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

@@ -40,7 +40,7 @@ def found(problem: Problem, name: str, start: Sequence[float], true: float) -> N
     assert "Converged" in result.status, where
 
 
-@pytest.mark.slow  # ten seconds each
+@pytest.mark.long  # ten seconds each
 @pytest.mark.parametrize(
     "loss", [pytest.param(LikelihoodLoss(), marks=pytest.mark.long), DistanceLoss(LENGTH)], ids=lambda loss: loss.name
 )
@@ -50,7 +50,7 @@ def test_a_tentacle_400_mm_before_a_camera(loss: Loss) -> None:
         found(problem, "tentacle.youngs_modulus", start, TENTACLE_E)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "loss", [LikelihoodLoss(), pytest.param(PapersLoss(), marks=pytest.mark.long)], ids=lambda loss: loss.name
 )

@@ -33,7 +33,7 @@ def test_a_bench_is_the_same_again_and_its_tests_differ_in_their_zeros_alone() -
             assert abs(np.mean(noise)) < 0.3
 
 
-@pytest.mark.slow  # both tables: a minute
+@pytest.mark.long  # both tables: a minute
 def test_the_line_of_the_page_is_the_one_that_the_command_computes() -> None:
     """The fits of 14 of some 500; those by TPE, the repeats and the joint fits of the page need `make table-one`."""
     third = table_one_fits.bench(table_one_fits.read_curve(), table_one_fits.SEED).experiments[2]

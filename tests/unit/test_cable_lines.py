@@ -64,7 +64,7 @@ def test_what_is_stated_is_a_parameter(tmp_path: Path) -> None:
     [
         ("{stiffness: 10000}", "stiffness"),
         ("{stiffness: 0 N}", "the stiffness of a cable is out of range; got 0 N"),
-        ("{stiffness: -2 kN}", "the stiffness of a cable is out of range; got -2000 N"),
+        ("{stiffness: -2 kN}", "the stiffness of a cable is out of range; got -2 kN"),
         ("{stiffness: 2 N/mm}", "stiffness"),
         ("{compliance: -1 mm/N}", "the compliance is out of range"),
         ("{stiffness: 1 kN, spring_rate: 2 N/mm}", "stiffness and spring_rate exclude each other"),

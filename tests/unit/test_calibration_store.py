@@ -396,7 +396,7 @@ calibrate(problem_of(), method="grid", trials=400, store=Path({folder!r}))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_trials_are_read_while_another_process_writes_them(tmp_path: Path) -> None:
     here, folder = Path(__file__).parent, tmp_path / "run"
     script = _WRITER.format(path=[str(here), str(here.parent)], folder=str(folder))

@@ -63,6 +63,7 @@ def test_numbers_of_the_table_are_as_people_write_them(capsys):
     wide = Estimate(7.07e5, "Pa", False, 5e4, 1e7, 1.4e6, (5e4, 1e7))
     assert value_text(wide) == "700 kPa (not determined)"  # an error that the bounds do not allow says nothing
     assert value_text(replace(wide, standard_error=4e5, interval=(3e5, 1.6e6))) == "710 ± 400 kPa"
+    assert value_text(replace(wide, value=5e4, at_bound=True)) == "50 kPa (not determined)"  # nor does the bound
     assert interval_text(wide) == "50 to 10000 kPa"
     assert value_text(Estimate(0.49999, "1", True, 0.3, 0.49999)) == "0.49999 (at a bound)"
     experiments = [bench_experiment("20mm", 0.02, 1.2e6)]

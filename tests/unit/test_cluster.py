@@ -103,7 +103,7 @@ def test_a_tunnel_to_the_scheduler_is_enough(cluster: DaskProcesses) -> None:
     assert not asked & at_work
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_address_that_does_not_answer_starts_nothing(tmp_path: Path) -> None:
     project, out = write_project(tmp_path), tmp_path / "run"
     with socket.socket() as silent:  # takes connections, and says nothing
@@ -153,7 +153,7 @@ def test_workers_with_another_softcal_are_refused(tmp_path: Path) -> None:
         assert "the same softcal must be on all machines" in text
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_workers_with_another_softcal_that_come_later_take_no_part(tmp_path: Path) -> None:
     other = copied_softcal(tmp_path / "other")
     with DaskProcesses(tmp_path) as cluster:
@@ -244,7 +244,7 @@ def test_the_schedulers_death_costs_nothing_that_was_told(tmp_path: Path) -> Non
     same(resumed, calibrate(problem_of(soft_necks_fail), method="tpe", trials=60))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scheduler_that_falls_silent_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is stopped, not ended: its connection stays, and Dask waits."""
     monkeypatch.setattr(dask_executor, "SILENCE", 3.0)
@@ -264,7 +264,7 @@ def test_a_scheduler_that_falls_silent_is_given_up(tmp_path: Path, monkeypatch: 
     assert len(stored_trials(folder)) >= 8
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_calls_that_wait_to_be_made_alone_are_told_of_the_schedulers_death(tmp_path: Path) -> None:
     """Each ended its worker, among others that had not ended yet when the scheduler did."""
     with dask_cluster(tmp_path, allowed_failures=0) as cluster, executor_on(f"dask:{cluster.address}") as executor:
@@ -289,7 +289,7 @@ def test_one_worker_that_cannot_do_a_call_is_asked_three_times(tmp_path: Path) -
     assert found[:2] + found[3:] == [0, 1, 3]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_stopped_worker_does_not_hold_up_the_start(tmp_path: Path) -> None:
     with dask_cluster(tmp_path) as cluster:
         (stopped,) = children(cluster.workers[0].pid)

@@ -55,14 +55,14 @@ def test_sweep(cluster: DaskProcesses, tmp_path: Path) -> None:
     assert first.experiments.keys() == second.experiments.keys()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_validate(cluster: DaskProcesses, tmp_path: Path) -> None:
     here, there = run(cluster, "validate", write_sweep(tmp_path), out=tmp_path / "table.csv")
     assert here.read_text() == there.read_text()
     assert len(here.read_text().splitlines()) > 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_fleet(cluster: DaskProcesses, tmp_path: Path) -> None:
     table = f"specimen,{FILE}\n" + "".join(f"s{k},p{k}.csv\n" for k in (1, 2, 3))
     folder = write_fleet(tmp_path, (1.0, 1.1, 0.9), table)

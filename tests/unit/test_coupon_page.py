@@ -150,7 +150,7 @@ def test_without_a_recommendation_there_is_no_block():
     assert verdict(found) in unescape(text)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_constant_that_is_not_determined_is_named():
     """A neo-Hookean body does not tell the terms of Ogden's law apart."""
     found = compare_laws([noisy("one", "uniaxial", 3, (C10, 0.0))], ["ogden-3"])

@@ -284,7 +284,7 @@ def test_check_states_what_presses_and_how_much_of_it_is_near_at_rest(tmp_path: 
     assert "1 of them" in replace(term, reach=np.append(term.reach[1:], 0.5 * term.depth)).in_words()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_command_tells_of_it_once(tmp_path: Path) -> None:
     path = notched_project(tmp_path)
     told = "bar intersects itself from"

@@ -158,7 +158,7 @@ def measure(folder: Path, **options: str):
     return measure_markers([folder], out=folder / "markers.csv", **given)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_from_calibration_images_to_positions(tmp_path: Path):
     """The whole way, with a camera that was calibrated and not given: states pulled further and further."""
     for i, pose in enumerate(board_poses(14)):
@@ -284,7 +284,7 @@ def test_all_that_is_wrong_with_the_images_is_told_at_once(capsys: pytest.Captur
     [
         (["--dictionary", "DICT_4X4"], "there is no such dictionary of markers; got 'DICT_4X4'"),
         (["--size", "20"], "--size: the unit is missing"),
-        (["--size", "-1mm"], "--size: the size is out of range; got -0.001 m; allowed: above 0"),
+        (["--size", "-1mm"], "--size: the size is out of range; got -1mm; allowed: above 0"),
         (["--base", "7"], "--base: the base is in none of the images"),
         (["--base", "0,0"], "marker 0 is named twice"),
         (["--base", "first"], "--base: this is not a base; got 'first'"),

@@ -268,7 +268,7 @@ def test_a_marker_that_was_never_seen_is_left_out_with_a_warning(tmp_path: Path)
     assert any("marker2 was not measured in any row" in str(warning) for warning in project.warnings)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_line_validates_and_holds_out(tmp_path: Path) -> None:
     path = write(tmp_path)
     out = tmp_path / "validation.csv"

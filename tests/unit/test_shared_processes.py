@@ -81,7 +81,7 @@ def test_a_shared_search_goes_on_after_all_its_processes_were_killed(tmp_path: P
     }.items()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_database_that_is_started_again_ends_no_process_and_loses_no_trial(tmp_path: Path) -> None:
     folders = [tmp_path / "a", tmp_path / "b"]
     with postgres_folder() as folder, contextlib.ExitStack() as stack:
@@ -94,7 +94,7 @@ def test_a_database_that_is_started_again_ends_no_process_and_loses_no_trial(tmp
 
 
 @pytest.mark.slow
-@storages("postgresql", "mysql")
+@storages("journal", "postgresql", "mysql")
 def test_hundreds_of_trials_by_eight_processes_two_of_them_killed(place: str, tmp_path: Path) -> None:
     folders = [tmp_path / str(i) for i in range(8)]
     with processes(folders, place, 400) as begun:

@@ -54,6 +54,11 @@ def test_the_nearest_name_is_similar():
     assert nearest("zzz", ["youngs_modulus", "density"]) == ""
 
 
+def test_a_name_of_which_it_is_a_part_comes_first():
+    assert nearest("a", ["yaw", "a.pressure", "b.pressure"]) == "'a.pressure'"
+    assert nearest("a.pressure", ["b.presure", "a"]) == "'a'"
+
+
 def test_the_command_line_lists_all_when_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = str(write_project(tmp_path))
     command = ["check", path, "--no-solve", "--no-pictures"]

@@ -119,7 +119,7 @@ def test_the_page_of_the_necks_shape_has_a_mark_for_all_that_is_written(monkeypa
     assert [row[:3] for row in rows_of(written["bench"])] == [row[:3] for row in rows_of(told["bench"])]
 
 
-@pytest.mark.slow  # a reduced model is built
+@pytest.mark.long  # a reduced model is built
 def test_the_page_of_exports_has_the_rows_that_its_benchmark_measures(monkeypatch: pytest.MonkeyPatch) -> None:
     case, *_ = reduced.cases()
     monkeypatch.setattr(reduced, "cases", lambda: [case])

@@ -56,7 +56,7 @@ def test_ogdens_published_constants_meet_treloars_curve_and_the_fit_is_nearer(tr
     assert stability(problem.constants, published, treloar, 10.0).is_stable
 
 
-@pytest.mark.slow  # twenty seconds: every law, each with tests held out
+@pytest.mark.long  # twenty seconds: every law, each with tests held out
 def test_every_law_is_fitted_to_treloars_and_the_known_order_is_found(treloar: list[Coupon]):
     """Laws that stiffen as chains come to their limit follow the curve; neo-Hooke's, Mooney's and Rivlin's do not."""
     found = compare_laws(treloar)

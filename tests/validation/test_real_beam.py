@@ -112,7 +112,7 @@ def test_the_readme_tells_these_numbers(found, predictions):
         assert numbers[1] == pytest.approx(1e3 * fold.held_out[label].fit.distance.rms, abs=0.02)
 
 
-@pytest.mark.slow  # twenty seconds: calibrations of parts of the record
+@pytest.mark.long  # twenty seconds: calibrations of parts of the record
 def test_the_readme_tells_what_varies():
     vary = example_script(EXAMPLE / "vary.py")
     shown = dict(

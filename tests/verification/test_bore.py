@@ -32,7 +32,7 @@ def bending() -> tuple[float, float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("aside", [0.0, 0.35 * BORE])
+@pytest.mark.parametrize("aside", [pytest.param(0.0, marks=pytest.mark.long), 0.35 * BORE])
 def test_the_bar_bends_by_the_cables_moment(aside: float):
     """Wherever in the bore the via points lie, the moment is about where they are, and not about the wall."""
     robot = with_tip(drilled_robot("P2", (aside, 0.0)))
@@ -43,7 +43,7 @@ def test_the_bar_bends_by_the_cables_moment(aside: float):
     assert response.channels["tip.pitch"][0] == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_cables_length_is_that_of_a_line_in_the_bore():
     """Shortening is tension's work: T dL = 2 U for a linear beam, of bending and of compression together."""
     robot = with_tip(drilled_robot("P2"))

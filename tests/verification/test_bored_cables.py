@@ -95,7 +95,7 @@ def test_so_are_tentacles_of_other_moduli(shared_data: Path, E: float, nu: float
     assert response.succeeded, response.status
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tentacle_converges_with_the_mesh(shared_data: Path) -> None:
     """Eight times the tets, the same cable; it ends in a knot: a point would sink in 5 % of the shortening further."""
     robot = tentacle(shared_data)

@@ -46,7 +46,7 @@ def test_a_linear_finger_is_calculix_own(is_open):
 
 @needs_ccx
 @pytest.mark.slow
-@pytest.mark.parametrize("is_open", [False, True])
+@pytest.mark.parametrize("is_open", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_bending_finger_is_calculix_own_up_to_40_kPa(is_open):
     assert_agrees(compared(hanging_finger("P2", is_open=is_open), "pressure", 4e4), 2e-3)
 

@@ -404,7 +404,7 @@ def test_a_closed_chamber_keeps_its_gas_as_another_is_driven(monkeypatch):
         assert gas_of(robot, "near", shape) == pytest.approx(1.0, abs=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_chamber_of_gas_moves_in_time_to_the_states_at_rest():
     robot = blown_box("P1", is_open=True, medium="gas")
     settings = TimeSettings(time_step=2e-3, rayleigh_mass=200.0, settle=Settling(speed=1e-7))
@@ -634,7 +634,7 @@ def moving(
     return robot, response
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tube_creeps_in_time():
     """Under a pressure that is there after one step, as the tube that is integrated along its radius alone."""
     p = 1.6e4
@@ -647,7 +647,7 @@ def test_a_tube_creeps_in_time():
     assert found[-1] - 1.0 > 1.3 * (found[1] - 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_pressure_of_a_volume_falls_in_time():
     """By the share of the stress after a ramp: beta tau / h (1 - exp(-h / tau)) exp(-(t - h) / tau) over the rest."""
     _, response = moving("relaxation-1", RELAXATION, [0.0, STEP, 3.0], "volume", [0.0, 4e-5, 4e-5])
@@ -658,7 +658,7 @@ def test_the_pressure_of_a_volume_falls_in_time():
     assert p[-1] < 0.8 * p[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_tube_softens_in_time():
     p = 1.6e4 * np.array([0.0, 0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.5, 1.0, 1.1])
     times = [STEP * k for k in range(len(p))]

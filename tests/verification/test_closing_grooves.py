@@ -144,7 +144,7 @@ def test_contact_begins_where_the_walls_would_pass_through_each_other(element: s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("element", ["P1", "P2P1"])
+@pytest.mark.parametrize("element", ["P1", pytest.param("P2P1", marks=pytest.mark.long)])
 def test_the_necks_force_does_not_depend_on_depth_and_stiffness(element: str):
     """Within 1 % up to its full pull; and before anything touches contact changes nothing."""
     (neck,) = load(EXAMPLES / "neck" / "project.yaml").robot.bodies
@@ -161,7 +161,7 @@ def test_the_necks_force_does_not_depend_on_depth_and_stiffness(element: str):
     np.testing.assert_allclose(changed, usual, rtol=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("ratio", [0.4412, 0.415])
 def test_points_that_slide_off_ridges_stop_no_path(ratio: float):
     """Across a ridge between two triangles the energy is concave: what leaves it is downhill beyond Newton's step. Cut

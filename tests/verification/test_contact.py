@@ -143,7 +143,7 @@ def closest(robot: Robot, axis: np.ndarray) -> float:
     return float(distance[np.abs(along[:, None] - along) > 0.07].min())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_rims_of_discs_meet_and_stay_apart():
     """A cable outside bends a backbone until the upper disc's rim meets the wider one below; then it pulls harder."""
     height, across, thick = 0.03, 0.05, 0.004

@@ -139,7 +139,7 @@ def test_the_axis_may_point_anywhere():
     np.testing.assert_allclose(upright[..., 2], np.cos(0.7))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_stiffness_of_the_fibres_has_its_derivative():
     def volumes(E_f: float, **options):
         return simulate(tube(70.0, fibre_modulus=E_f), PUMPED, curve_tolerance=0.0, **options)

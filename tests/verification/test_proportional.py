@@ -138,7 +138,7 @@ def test_shared_paths_in_contact_have_the_same_nodes(monkeypatch: pytest.MonkeyP
     require_close(again, simulate(afresh(robot), nearer, SOFTER), 0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_shared_path_in_contact_takes_fewer_factorisations():
     """At another ratio of the shipped neck, beside the path at its own."""
     robot = load(EXAMPLES / "neck" / "project.yaml").robot

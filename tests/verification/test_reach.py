@@ -212,7 +212,10 @@ def test_an_obstacle_that_is_far_changes_nothing() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*OBSTACLES, "wall"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name == "half-space" else pytest.mark.long) for name in (*OBSTACLES, "wall")],
+)
 def test_the_straight_line_of_commands_is_free_of_obstacles(name: str) -> None:
     """Or the target is refused, with the place, and the last commands stay."""
     wall = BoxObstacle((0.0125, -0.1, -0.145), (0.0175, 0.1, -0.118))

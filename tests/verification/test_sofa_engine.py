@@ -190,7 +190,7 @@ def assert_a_column_comes_back(engine):
     assert_published_comes_back(engine, robot, truth.channels)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_was_published_comes_back(engine):
     assert_a_column_comes_back(engine)
 

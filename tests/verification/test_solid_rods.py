@@ -198,7 +198,7 @@ def apart(cable: str, force: float) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_manipulator_on_solid_springs():
     """1.5 kgf on a cable to S2."""
     difference, moved = apart("cable2", 14.715)

@@ -133,7 +133,7 @@ def test_few_states_end_at_the_fold_as_well(states: int) -> None:
     assert found.least.mobility[-1] == min(state.mobility[-1] for state in (*found.states, found.least))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_limits_of_channels_and_obstacles_cut_it() -> None:
     limits = {"tension": (0.0, 2.0)}
     free = softcal.workspace(TENTACLE, PLANE, limits=limits, states=32)
@@ -150,7 +150,7 @@ def test_limits_of_channels_and_obstacles_cut_it() -> None:
     assert "beyond another limit" not in " ".join(workspace_sentences(free))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_column_ends_where_it_buckles() -> None:
     # All cables together compress it; Euler's load is an end that no limit states.
     found = softcal.workspace(COLUMN, ("plate.z",), limits={"tension": (0.0, 400.0)}, states=32)

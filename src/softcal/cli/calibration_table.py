@@ -289,5 +289,5 @@ def value_text(estimate: Estimate) -> str:
     """A value with its standard error and unit, and whether it is at a bound or not determined by the data."""
     from softcal.calibration.results.digits import estimate_text, is_determined
 
-    doubt = "at a bound" if estimate.at_bound else "" if is_determined(estimate) else "not determined"
+    doubt = ("at a bound" if estimate.at_bound else "") if is_determined(estimate) else "not determined"
     return estimate_text(estimate) + f" ({doubt})" * bool(doubt)

@@ -57,9 +57,9 @@ SOURCES = (
     ),
     ErrorSource(
         MISFIT,
-        "what the model misses in the residuals",
+        "what the model misses in the residuals, or may miss",
         "misfit",
-        "a model with the cause of the misfit, which the notes name, will reduce it",
+        "a model with its cause, where the notes name one, will reduce it",
     ),
     ErrorSource(
         "experiments",

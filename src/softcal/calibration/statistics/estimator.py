@@ -18,13 +18,16 @@ An instrument may drift by what its own noise conceals (`noise.drift_sources`), 
 or uncertain parameter, or a setting. The residuals do not show such a drift, since the parameters follow most of it.
 These drifts make no standard error longer than by half.
 
-What the model misses is an error too: of each channel whose residuals are more than noise the clearest usual cause
-(`misfit.py`), as large as it is in the residuals or less, moves the minimum by what the parameters follow of it.
+What the model misses is an error too: in each channel whose residuals may be more than noise one of the usual causes
+(`misfit.py`), as large as it is in the residuals or less, moves the minimum by what the parameters follow of it. The
+causes count with their probabilities, in part from three standard errors of the clearest shape and in whole from four:
+what is too small to be said beyond chance still moves the estimate by more than its noise.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -59,12 +62,13 @@ from softcal.calibration.statistics.noise import (
     systematic_sources,
     white_noise,
 )
-from softcal.calibration.statistics.residuals import SHOWN
 from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as unidentifiable.
 _BLIND = 1e-7
 _LONGER = 1.5  # times as long as without is the most that drifts without a statement make an interval
+_COUNTS = 3.0  # standard errors of the clearest shape from which what the model may miss counts, from one more in whole
+_CHANNELS = 2  # of an experiment, for which that holds
 _MIXED = 0.01  # share of an unidentifiable direction from which a parameter cannot be distinguished from others in it
 
 
@@ -102,7 +106,7 @@ class Estimator:
     set_ups
         Experiment -> its set-up, where it is set-ups that are compared; else empty.
     missed
-        The change (n,) of each block's residual by what the model misses; None where it misses nothing (`missed`).
+        The changes (n, k) of each block's residual by what the model may miss; None where it is noise (`missed`).
     """
 
     root: Floats
@@ -304,7 +308,7 @@ def linearised(
     n_uncertain
         The number of uncertain parameters of the blocks.
     changes
-        Those of the first blocks by what the model misses, as of `missed`.
+        Those of the first blocks by what the model may miss, as of `missed`.
     """
     every = itertools.chain(changes, itertools.repeat(None))
     blocks = [_linear(loss, one, slopes, n_uncertain, change) for one, change in zip(seen, every, strict=False)]
@@ -313,8 +317,8 @@ def linearised(
 
 @dataclass(frozen=True, eq=False)
 class _LinearBlock:
-    """A block, its derivative by the point of the unit box (n, size), the block in units of its noise, and the change
-    of its residual (n,) by what the model misses.
+    """A block, its derivative by the point of the unit box (n, size), the block in units of its noise, and the changes
+    of its residual (n, k) by what the model may miss.
     """
 
     seen: Weighed
@@ -333,22 +337,26 @@ class _LinearBlock:
 
 
 def missed(blocks: Sequence[Block]) -> list[Floats | None]:
-    """The change (n,) of each block's residual by what the model misses: by the clearest usual cause, where that is
-    beyond chance (`misfit.py`); None where it misses nothing.
+    """The changes (n, k) of each block's residual by what the model may miss, one of the usual causes (`misfit.py`);
+    None where the clearest shape may be noise.
 
-    A curve alone does not count: it may be how experiments differ, which is a source of its own.
+    Of many channels one has a clear shape by chance. A curve alone does not count: it may be how experiments differ,
+    which is a source of its own.
     """
     places: dict[str, list[int]] = {}
     for k, block in enumerate(blocks):
         places.setdefault(block.experiment, []).append(k)
     found: list[Floats | None] = [None] * len(blocks)
     for own in (own for experiment, own in places.items() if experiment):
+        by_chance = 2.0 * math.log(max(len(own) / _CHANNELS, 1.0))  # more of the square, the more channels there are
         for k, misfit in zip(own, misfits([blocks[k] for k in own]), strict=True):
-            found[k] = misfit.change if misfit.significance > SHOWN else None
+            clear = math.sqrt(max(misfit.significance**2 - by_chance, 0.0))
+            counts = min(max(clear - _COUNTS, 0.0), 1.0)
+            found[k] = None if misfit.changes is None or counts == 0.0 else math.sqrt(counts) * misfit.changes
     return found
 
 
-def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int, change: Floats | None = None) -> _LinearBlock:
+def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int, missing: Floats | None = None) -> _LinearBlock:
     block, w = seen.block, seen.weights
     if block.jacobian is None:
         raise ValueError(f"the block '{block.channel}' has no jacobian")
@@ -361,9 +369,11 @@ def _linear(loss: Loss, seen: Weighed, slopes: Floats, n_uncertain: int, change:
     answer, pull = J / unit[:, None], (w * unit)[:, None] * J
     drift = None if block.drift is None else block.drift / unit
     known = seen.stated is not None
-    misfit = None if change is None else (change / unit, curving(loss, block, w, change[:, None])[:, 0] / unit)
+    misfit = None
+    if missing is not None:
+        misfit = missing / unit[:, None], curving(loss, block, w, missing) / unit[:, None]
     part = ScaledBlock(block.experiment, group, known, answer, pull, over, changes, curved, drift, misfit)
-    return _LinearBlock(seen, J, part, change)
+    return _LinearBlock(seen, J, part, missing)
 
 
 @dataclass(frozen=True)

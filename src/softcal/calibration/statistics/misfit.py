@@ -5,7 +5,8 @@ is estimated beside all shapes, and are without what the fitted parameters can d
 cause is then worth c . r / |c| standard errors: it would reduce the sum of squares by the square of that, in all
 channels of the experiment together, since the parameters follow. Its share is that by which the channel's own squares
 fall. These shares compare causes; they do not sum to one, since shapes are alike. What the parameters can all but do,
-such as a gain beside a modulus, would have to be larger than the record to leave what it leaves: it is no cause.
+such as a gain beside a modulus, would have to be larger than the record to leave what it leaves: it is no cause. Of
+causes that are about as clear, each may be the true one, with the probability that their likelihoods give it.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 @dataclass(frozen=True)
 class Misfit:
     """Of a channel: cause no larger than the record -> the share [-] of its squared residuals that it explains, the
-    clearest first; how many standard errors the clearest shape of a cause of any size is worth; and the change (n,) of
-    the residual by the first cause, None without one.
+    clearest first; how many standard errors the clearest shape of a cause of any size is worth; and the changes (n, k)
+    of the residual by these causes but contact, each times the root of its probability among them, None without one.
     """
 
     explained: Mapping[str, float]
     significance: float
-    change: Floats | None = None
+    changes: Floats | None = None
 
 
 def misfits(blocks: Sequence[Block]) -> list[Misfit]:
@@ -81,7 +82,11 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
         first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
         clearest = worth[first][0] if first else 0.0
         ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
-        found.append(Misfit({cause: share for cause, (_, share) in ordered}, significance, changes.get(first)))
+        causes = [cause for cause in worth if cause != CONTACT]
+        likelihoods = np.exp([(worth[cause][0] ** 2 - clearest**2) / 2.0 for cause in causes])
+        likely = [np.sqrt(p / likelihoods.sum()) * changes[c] for c, p in zip(causes, likelihoods, strict=True)]
+        explained = {cause: share for cause, (_, share) in ordered}
+        found.append(Misfit(explained, significance, np.column_stack(likely) if likely else None))
     return found
 
 

@@ -110,8 +110,8 @@ class ScaledBlock:
     drift
         How far a drift of the instrument has come (n,), over v; None where it has none, or something is stated on it.
     misfit
-        Change of the residual (n,) over v by what the model misses, and the same as of `curving`; None where it misses
-        nothing beyond chance.
+        Changes of the residual (n, k) over v by what the model may miss, and the same as of `curving`; None where it is
+        noise.
     """
 
     experiment: str
@@ -258,12 +258,12 @@ def drift_sources(parts: Sequence[ScaledBlock], noise: Sequence[Source]) -> list
 
 
 def misfit_sources(parts: Sequence[ScaledBlock]) -> list[Source]:
-    """What the model misses, by the clearest usual cause of each channel: as much as that explains, or less."""
+    """What the model may miss, by the usual causes of each channel: as much as they explain, or less."""
     found: list[Source] = []
     for part in parts:
         if part.misfit is not None:
-            alone, pull = (_ANY_LESS * (change @ part.pull)[None, :] for change in part.misfit)
-            held = ErrorRecord(np.zeros(1), np.zeros_like(pull), pull, part.experiment, alone)
+            alone, pull = (_ANY_LESS * changes.T @ part.pull for changes in part.misfit)
+            held = ErrorRecord(np.zeros(len(pull)), np.zeros_like(pull), pull, part.experiment, alone)
             found.append(Source(MISFIT, part.group, (held,), 1.0, np.inf))
     return found
 

@@ -243,7 +243,7 @@ def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] 
     has_mesh = MESH_ERROR in uncertain
     further = {
         "drifts too small to be seen in the noise": DRIFT in kinds,
-        "what the model misses in the residuals": MISFIT in kinds,
+        "what the model misses in the residuals, or may miss": MISFIT in kinds,
         "the error of the mesh": has_mesh,
     }
     listed = [

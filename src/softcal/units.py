@@ -409,7 +409,7 @@ def readable_unit(value: float, si_unit: str) -> str:
         return "g"
     if si_unit == "N*m" and abs(value) < 0.09995:
         return "N*mm"
-    return {"m": "mm", "rad": "deg", "m^3": "ml", "m^3/s": "ml/min"}.get(si_unit, si_unit)
+    return {"m": "mm", "rad": "deg", "m^3": "ml", "m^3/s": "ml/min", "m/N": "mm/N"}.get(si_unit, si_unit)
 
 
 def _unreadable(value: object, si_unit: str, where: str, attempt: str = "") -> UnitError:

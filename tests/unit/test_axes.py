@@ -85,7 +85,7 @@ def test_a_range_starts_at_its_start_and_never_passes_its_stop(
         (E, "1GPa:2GPa:3GPa", r"a sweep needs two values or more; got 1 GPa.*--set"),
         (E, "1GPa", "a sweep needs two values or more"),
         (E, "1GPa,2GPa,1000MPa", "a value appears twice; got 1 GPa"),
-        (E, "1GPa,-2GPa", "the modulus is out of range; got -2GPa"),
+        (E, "1GPa,-2GPa", "the modulus is out of range; got -2e"),
         (E, "1GPa,,2GPa", "this is not a quantity"),
     ],
 )

@@ -28,14 +28,18 @@ FREE = (
     FreeParameter("front.slack", "m", 0.0, 6e-3, start=1e-3),
 )
 LOSSES = {"papers": PapersLoss(), "likelihood": LikelihoodLoss()}
-SIZES = ("front.tension", "plate.pitch")
+SIZES, COMPLIANCE = ("front.tension", "plate.pitch"), "front.compliance"
 
 
 def measured(seed: int, errors: Mapping[str, float]) -> Experiment:
-    """A test whose instruments err: tension_gain [1], tension_offset, tension_drift [N] and pitch's [rad]."""
+    """A test whose instruments err: tension_gain [1], tension_offset, tension_drift [N] and pitch's [rad]; and whose
+    machine yields, by its compliance [m/N].
+    """
     one = fake_experiment(f"pull{seed}", noise=2e-3, sigma=2e-3, slack=1e-3, seed=seed)
     channels = dict(one.dataset.channels)
     time = np.linspace(0.0, 1.0, one.dataset.n_samples)
+    yielding = channels["shortening"].values + errors.get(COMPLIANCE, 0.0) * channels["tension"].values
+    channels["shortening"] = replace(channels["shortening"], values=yielding)
     for instrument in SIZES:
         kind = instrument.partition(".")[2]
         values = channels[kind].values * (1.0 + errors.get(f"{instrument}_gain", 0.0))
@@ -58,7 +62,7 @@ def test_data_with_such_an_error_move_the_estimate_by_half_its_interval(loss: Lo
     for name in (E, NU):
         one = best.parameters[name]
         assert one.interval is not None
-        assert {instrument.rpartition("_")[0] for instrument in one.moved_by} == set(SIZES)
+        assert {error.rpartition("_")[0] or error for error in one.moved_by} == {*SIZES, COMPLIANCE}
         for error, size in one.moved_by.items():
             # A third of it, so that the twin is nearly linear.
             moved = calibrated(loss, {error: size / 3.0}).parameters[name].value - one.value
@@ -93,9 +97,9 @@ def test_what_is_stated_is_not_named() -> None:
         UncertainParameter("front.tension_offset", "N", 0.01),
         UncertainParameter("plate.pitch_offset", "rad", 0.01),
     )
-    assert named() == {one.name for one in offsets}
-    assert named(*offsets) <= {"front.tension_gain", "front.tension_drift", "plate.pitch_drift"}
-    assert named(*offsets)
+    assert named() == {COMPLIANCE, *(one.name for one in offsets)}
+    assert named(*offsets) <= {COMPLIANCE, "front.tension_gain", "front.tension_drift", "plate.pitch_drift"}
+    assert len(named(*offsets)) > 1
 
 
 def test_the_closing_sentences_name_them_and_files_keep_them(tmp_path: Path) -> None:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import platform
+import re
+import sys
 from importlib.metadata import Distribution
+from pathlib import Path
 from typing import cast
 
 import pytest
 
-from scripts.sizes import EXTRAS, NEEDS, direct, ok, pythons, without_mkl
+from scripts.check_licences import needed_by
+from scripts.sizes import EXTRAS, NEEDS, direct, megabytes, ok, pythons, without_mkl
+
+START = Path(__file__).parents[2] / "docs" / "start.md"
 
 
 def package(*needs: str) -> Distribution:
@@ -61,3 +68,19 @@ def test_every_extra_is_tried() -> None:
 def test_a_python_that_is_not_here_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert list(pythons(["2.0"])) == []
     assert "Python 2.0 is not here" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(
+    (sys.platform, platform.machine()) != ("linux", "x86_64"), reason="the page has the sizes of Linux x86-64"
+)
+def test_the_page_has_the_sizes_of_the_extras() -> None:
+    rows = re.findall(r"^\| `?(\w+)`? \|.*\| ([\d.]+) GB \|$", START.read_text(encoding="utf-8"), re.MULTILINE)
+    assert {name for name, _ in rows} == {"none", *EXTRAS} - {"all"}
+    alone = needed_by("softcal")
+    for name, written in rows:
+        packages = alone if name == "none" else needed_by(f"softcal[{name}]")
+        size = sum(megabytes(one) for key, one in packages.items() if name == "none" or key not in alone)
+        assert float(written) == pytest.approx(size / 1e3, rel=0.05, abs=0.005), name
+    assert "0.9 GB of the 1.6 GB are Intel's MKL" in " ".join(START.read_text(encoding="utf-8").split())
+    mkl = sum(megabytes(alone[name]) for name in without_mkl(alone)[0])
+    assert mkl / 1e3 == pytest.approx(0.9, abs=0.05)

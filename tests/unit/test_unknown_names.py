@@ -12,6 +12,7 @@ from project_case import write_project
 import softcal
 from softcal.cli import main
 from softcal.errors import FEW, Names, nearest, unknown
+from softcal.twin.parameters import unknown_name
 
 MANY = [f"part{k}.mass" for k in range(20)] + ["t.slack", "t.friction_coefficient", "t.stiffness", "t.compliance"]
 
@@ -76,3 +77,12 @@ def test_the_command_line_lists_all_when_asked(tmp_path: Path, capsys: pytest.Ca
     assert "Try: 'parameters', " in short
     assert "experiments" not in short.partition("Try")[0]
     assert all(key in full for key in ("experiments", "parameters", "calibration", "sweep"))
+
+
+def test_the_compliance_of_a_cable_that_has_none_is_stated_in_its_line():
+    of_cable = {"front.slack": 0.0, "front.friction_coefficient": 0.0}
+    assert unknown_name("front.compliance", of_cable).attempt.startswith(
+        "`line: {compliance: 0 mm/N}` of the cable front"
+    )
+    assert "line:" not in unknown_name("front.stifness", of_cable).attempt
+    assert "line:" not in unknown_name("neck.compliance", of_cable).attempt

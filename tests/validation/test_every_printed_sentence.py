@@ -48,7 +48,17 @@ LABEL = r"(?:E|ν|\w+ \([^)]*\))"  # of a parameter
 LIST = rf"(?P<list>{V} \(\w+\)(?:(?:, | and ){V} \(\w+\))*)"  # of values and their tests
 ITEM = rf"(?P<channel>\w+) of (?P<of>\w+) by (?P<size>{V}) (?P<unit>\w+) \(RMS\), "
 CAUSE = rf"((?:an?|another) [\w ]+?|friction that reverses|contact of surfaces) alone (?:would explain )?{V} %"
-UNITS = {"MPa": 1e6, "kPa": 1e3, "mm": 1e-3, "deg": math.pi / 180, "g": 1e-3, "N": 1.0, "%": 0.01, "": 1.0}
+UNITS = {
+    "MPa": 1e6,
+    "kPa": 1e3,
+    "mm": 1e-3,
+    "mm/N": 1e-3,
+    "deg": math.pi / 180,
+    "g": 1e-3,
+    "N": 1.0,
+    "%": 0.01,
+    "": 1.0,
+}
 
 Told = re.Match[str]
 ROWS: list[tuple[str, Callable[[Case, str, Told, str], None]]] = []
@@ -681,9 +691,18 @@ def shifts(case: Case, _: list[str], told: Told) -> None:
     free = np.minimum(fit.z, 1.0 - fit.z) > 1e-6
     inverse = np.linalg.inv(local_hessian(fit)[np.ix_(free, free)])
     for error, size, unit in re.findall(rf"(\S+) is off by {V} (\S+?)(?= or |$)", told["errors"]):
-        channel, form = error.partition(".")[2].split("_")
         assert error not in {u[1] for u in fit.uncertain}
         pull = np.zeros(len(fit.names))
+        cable, _, kind = error.partition(".")
+        if kind == "compliance":  # pulled by that times the tension less, as by such a slack
+            for b in (b for b in fit.blocks if b.experiment):
+                seen = fit.project.experiments[b.experiment].seen(b.channel)
+                yields = fit.arrays["derivative", b.experiment, b.channel, f"{cable}.slack"]
+                shape = (yields * fit.data[b.experiment]["simulated.tension"])[seen]
+                pull += b.bent(shape[:, None])[:, 0] @ b.pull
+            channel, form = "", ""
+        else:
+            channel, form = kind.split("_")
         for b in fit.blocks:
             if b.experiment and b.channel == channel:
                 shape = {"offset": b.r * 0 + 1, "gain": b.r + b.measured, "drift": b.time}[form]

@@ -31,6 +31,7 @@ from softcal.report.positions import fitted_distance
 from softcal.report.statement import MESH, ErrorSource, Statement, source_of, statement
 from softcal.sensing.channel import readings
 from softcal.twin.parameter_name import parameter_name
+from softcal.twin.parameters import kinds_of_quantity
 from softcal.units import format_quantity, plain
 
 _FEW = 4  # parameters that are all shown
@@ -223,7 +224,7 @@ def _largest_source(of: FirstScreen) -> str:
 
 def _instruments(one: Statement) -> str:
     """Which errors of instruments, on which nothing is stated, would shift an estimate by half its interval."""
-    kinds = readings()
+    kinds = {**kinds_of_quantity(), **readings()}
     errors = [
         f"{name} is off by {format_quantity(size, kind.unit, '%' if kind.unit == '1' else None, digits=2)}"
         for name, size in one.estimate.moved_by.items()

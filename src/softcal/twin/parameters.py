@@ -263,8 +263,12 @@ def _with_size(load: PointLoad | Moment | SurfaceLoad, values: Mapping[str, floa
 
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
     """The fault of a parameter that does not exist, with the nearest that does."""
-    of_the_same = [one for one in known if parameter_name(one).owner == parameter_name(name).owner]
-    return unknown("there is no such parameter", name, name, sorted(known), among=of_the_same, got="")
+    owner, kind = parameter_name(name).owner, parameter_name(name).kind
+    of_the_same = [one for one in known if parameter_name(one).owner == owner]
+    fault = unknown("there is no such parameter", name, name, sorted(known), among=of_the_same, got="")
+    if kind == "compliance" and f"{owner}.friction_coefficient" in of_the_same:
+        return replace(fault, attempt=f"`line: {{compliance: 0 mm/N}}` of the cable {owner}, which has none yet")
+    return fault
 
 
 def out_of_range(info: ParameterInfo, value: float) -> Fault | None:

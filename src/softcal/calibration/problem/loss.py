@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -56,11 +56,10 @@ class Block:
         The set-up of the experiment; "" where it is one by itself.
     drift
         The part (n,) of the record's time that has passed, where the instrument may drift and nothing is stated on it.
-    instrument
-        The twin's channel, such as `front.tension`.
     unstated
-        The rig's parameters that are its offset, its gain and its drift, such as `front.tension_gain`; "" where there
-        is none, or something is stated on it.
+        Systematic error of an instrument on which nothing is stated, by the name of its parameter, such as
+        `front.tension_gain`, or `front.compliance` of the machine that pulls -> the change of the residual (n,) by one
+        unit of it, and by how many units all that is read would change.
     """
 
     experiment: str
@@ -73,8 +72,7 @@ class Block:
     systematic: Floats | None = None
     set_up: str = ""
     drift: Floats | None = None
-    instrument: str = ""
-    unstated: tuple[str, str, str] = ("", "", "")
+    unstated: Mapping[str, tuple[Floats, float]] = field(default_factory=dict[str, tuple[Floats, float]])
 
     @cached_property
     def grows_with_moduli(self) -> bool:

@@ -1,8 +1,9 @@
 """Which systematic error of an instrument would move an estimate by its interval.
 
 An error of a load cell or an IMU of one sign in all samples, an offset, a gain or a drift in proportion to time, is in
-no residual. By how much it would move the minimum is known from the derivatives: -A^-1 J^T W c for the change c of the
-residuals, as of an uncertain parameter (`problem/uncertain.py`). A parameter at a bound stays there.
+no residual, nor is most of what a machine yields under the tension. By how much it would move the minimum is known from
+the derivatives: -A^-1 J^T W c for the change c of the residuals, as of an uncertain parameter
+(`problem/uncertain.py`). A parameter at a bound stays there.
 """
 
 from __future__ import annotations
@@ -33,20 +34,12 @@ def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half:
     parts, inverse, _ = linearised(loss, seen, slopes)
     pulls: dict[str, Floats] = {}
     reads: dict[str, float] = {}
-    instruments: dict[str, str] = {}
     for one, part in zip(seen, parts, strict=True):
         unit = np.ones(len(one.weights)) if one.stated is None else one.stated
-        # Name of each error, the change of the residual (n,) by one unit, and how many units are all that is read.
-        offset, gain, drift = one.block.unstated
-        read, largest = one.block.residual + one.block.measured, float(np.abs(one.block.measured).max())
-        errors = (offset, np.ones(len(read)), largest), (gain, read, 1.0), (drift, one.block.drift, largest)
-        for name, shape, scale in errors:
-            if not name or shape is None:
-                continue
+        for name, (shape, scale) in one.block.unstated.items():
             changed = curving(loss, one.block, one.weights, shape[:, None])[:, 0]
             pulls[name] = pulls.get(name, 0.0) + (changed / unit) @ part.pull
             reads[name] = max(reads.get(name, 0.0), scale)
-            instruments[name] = one.block.instrument
     moved = {name: np.abs(pull @ inverse) for name, pull in pulls.items()}
     smallest: list[dict[str, float]] = []
     for j in range(len(slopes)):
@@ -55,7 +48,7 @@ def instrument_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half:
             if shift[j] * reads[name] <= half[j]:
                 continue  # not even an error as large as what is read
             size = float(half[j]) / float(shift[j])
-            best = (size / reads[name], name, size)
-            found[instruments[name]] = min(found.get(instruments[name], best), best)
+            best, instrument = (size / reads[name], name, size), name.rpartition("_")[0] or name
+            found[instrument] = min(found.get(instrument, best), best)
         smallest.append({name: size for _, name, size in sorted(found.values())})
     return smallest

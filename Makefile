@@ -18,7 +18,7 @@ SLOW_LIMIT ?= 40m
 # The tests start hundreds of programs: the bytecode of the first serves the others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-slow test-long bench coverage docs format clean constraints wheels
+.PHONY: help demo test test-slow test-long bench coverage docs links format clean constraints wheels
 .PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences lint-vulnerabilities
 
 help:
@@ -31,6 +31,7 @@ help:
 	@echo "make table-one  compute docs/table-one.md anew: six minutes"
 	@echo "make coverage   measure the coverage of 95 % intervals, write docs/uncertainty.md: ten minutes"
 	@echo "make docs       build the site into docs/_build"
+	@echo "make links      look up every address on the site"
 	@echo "make lint       ruff, pyright, layers, licences, known vulnerabilities"
 	@echo "make wheels     build sdist and wheel into dist, try them in environments of their own: an hour"
 	@echo "make constraints  install the newest versions that pyproject.toml allows, write constraints.txt"
@@ -75,6 +76,10 @@ coverage: $(RUN)
 # Warnings are errors: a link to nothing, a page in no table of contents, a docstring that cannot be read.
 docs: $(DEV)
 	$(PYTHON_IN) -m sphinx -W --keep-going -q -j auto docs docs/_build
+
+# The scripts of the gallery are not run for it. Needs the network.
+links: $(DEV)
+	$(PYTHON_IN) -m sphinx -b linkcheck -D plot_gallery=0 -q -j auto docs docs/_build/links
 
 mesh-table: $(RUN)
 	$(PYTHON_IN) -m benchmarks.mesh_table

@@ -4,6 +4,7 @@ code; `make docs`.
 
 from __future__ import annotations
 
+import re
 import sys
 import tomllib
 from fnmatch import fnmatch
@@ -88,6 +89,11 @@ sphinx_gallery_conf: dict[str, Any] = {
     "matplotlib_animations": False,
     "thumbnail_size": (400, 280),
 }
+
+# `make links`: every address but those of the project, which are to be created before the release.
+linkcheck_ignore = [f"{re.escape(address)}.*" for address in (*URLS.values(), COLAB)]
+linkcheck_anchors = False  # of pages that scripts make
+linkcheck_timeout, linkcheck_workers = 20, 8
 
 html_theme = "pydata_sphinx_theme"
 html_title = "softcal"

@@ -27,6 +27,7 @@ SHOWN = 5.0
 """Standard errors from which a cause is in the residuals beyond chance: of 200 right models, in at most one in 20."""
 _AROUND = 5  # samples in whose median a sample that is far off has no part
 _OUTLYING = 6.0  # deviations from there, by the median of all; of white noise one record in 1000 has 5
+_ABOUT = 41  # samples by whose median too: noise may grow along the record
 _SINGLE = 0.05  # of the samples: more of them are no outliers
 _ROUNDING = 1e-9  # of the largest reading: closer ones are the same
 _OF_STEP = 0.01  # of a step of the readings
@@ -135,8 +136,13 @@ def outliers(residual: Floats) -> np.ndarray:
 
 
 def _is_far(off: Floats) -> np.ndarray:
+    from scipy.ndimage import median_filter
+
     size = np.abs(off)
-    return size > _OUTLYING * 1.4826 * float(np.median(size[size > 0.0])) if np.any(size > 0.0) else size > 0.0
+    if not np.any(size > 0.0):
+        return size > 0.0
+    typical = np.maximum(np.median(size[size > 0.0]), median_filter(size, size=min(_ABOUT, len(size)), mode="mirror"))
+    return size > _OUTLYING * 1.4826 * typical
 
 
 def step_of_readings(measured: Floats, residual: Floats) -> float:

@@ -232,7 +232,7 @@ def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
 
 
 AS_WRITTEN = 10
-"""Significant digits that show a number as written, without floating-point rounding."""
+"""Significant digits with which a number is shown as it was written, without floating-point rounding."""
 _PLAIN = 999_999.5
 _MOST_DECIMALS = 8
 

@@ -99,7 +99,7 @@ class WorkspaceState(Checked):
 @displayed
 @dataclass(frozen=True)
 class Workspace(Checked):
-    """What some channels of a robot can be within its limits.
+    """The values that some channels of a robot can have within its limits.
 
     Attributes
     ----------
@@ -375,7 +375,7 @@ class _Border:
         )
 
     def places(self, states: Sequence[WorkspaceState]) -> Floats:
-        """The channels (n, k) of states."""
+        """The values (n, k) of the workspace's channels in states."""
         return np.array([[state.channels[name] for name in self.channels] for state in states])
 
     def at(self, share: Floats) -> LiveState | None:

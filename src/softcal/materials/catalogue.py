@@ -124,7 +124,7 @@ def _text_faults(law: Law) -> Iterator[Fault]:
 
 
 def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:
-    """Every constant of any of the laws and of any history, by name; of one that several laws have, the first's."""
+    """The constants of all laws and histories by name; where several laws have the name, the first law's constant."""
     found: dict[str, Parameter] = {}
     for parameter in (*(one for law in laws.values() for one in law.parameters), *history_constants().values()):
         found.setdefault(parameter.name, parameter)

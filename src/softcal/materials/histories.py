@@ -32,7 +32,7 @@ def history_of(names: Sequence[str], where: str = "history", *, of_rod: bool = F
     names
         Names of the parts.
     where
-        What an error names as the place.
+        Place for error messages.
     of_rod
         Whether it is of a rod.
 

@@ -66,7 +66,7 @@ class Skins:
         return {pair: depth for pair, depth in found.items() if pair not in self.at_rest}
 
     def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
-        """The same without depths, which for one body is found much faster."""
+        """The same pairs without depths, which is much faster for one body."""
         if len(self.names) == 1 and not self.at_rest:
             crosses = self._overlaps(x) or self._intersect(self._taken_in(self._vertices(x)))
             return frozenset([(self.names[0], self.names[0])] if crosses else [])
@@ -113,7 +113,7 @@ class Skins:
         return self.weights @ x[self.points]
 
     def _taken_in(self, x: Floats) -> Floats:
-        """The vertices (n, 3) moved inwards, along the mean of the normals of the faces around by their areas."""
+        """The vertices (n, 3) moved inwards along the area-weighted mean normal of their adjacent faces."""
         a, b, c = (x[self.faces[:, k]] for k in range(3))
         area = np.cross(b - a, c - a)
         normals = np.column_stack(

@@ -201,7 +201,7 @@ class System:
 
     @cached_property
     def remembers(self) -> bool:
-        """Whether a term does: then a protocol's samples form a load path, and are solved in their order."""
+        """Whether any term has a memory: a protocol's samples then form a load path, and are solved in their order."""
         return len(self._first_memory) > 0
 
     def given(
@@ -382,7 +382,7 @@ class System:
         dz
             Rates of the unknowns (n_unknowns, k).
         names
-            Parameters of which these are derivatives (k,), or "".
+            Names (k,) of the parameters by which `dz` has the derivatives, or "".
         """
         n, remembered = self.layout.first_effort_unknown, {} if state.memory is None else state.memory.by_parameter
         out = np.zeros((len(self.actuators), len(names)))

@@ -55,7 +55,7 @@ def _stem(name: str, effort: ChannelKind) -> str:
 
 
 def _columns(kinds: tuple[ChannelKind, ChannelKind]) -> tuple[tuple[str, str, int], ...]:
-    """What is told of each cycle, its unit and digits; see `_rows`."""
+    """Heading, unit and digits of each column of the table of cycles; see `_rows`."""
     word, (coordinate, effort) = in_a_word(kinds[1].name), (channel_scale(kind.unit).unit for kind in kinds)
     return (
         (f"Peak {word}", effort, 3),

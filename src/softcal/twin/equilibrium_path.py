@@ -254,7 +254,7 @@ class EquilibriumPath:
         return self._scale(np.abs(values).max(axis=0)[:, None], np.zeros(1))[:, 0]
 
     def scale(self, values: Floats) -> Floats:
-        """As `largest`, at least what is above rounding error."""
+        """See `largest`; at least a value above rounding error."""
         return self._scale(np.abs(values).max(axis=0)[:, None], self._least)[:, 0]
 
     def at(self, path: Path, c: float) -> Node:
@@ -402,7 +402,7 @@ class EquilibriumPath:
         return path if path.is_smooth or path.stopped_by is not None else self.follow(start, end)
 
     def _guide_to(self, end: float) -> tuple[Node, ...]:
-        """The nodes of the guide to a shortening [m]; none where it does not get there without a snap-through."""
+        """The nodes of the guide to a shortening [m]; empty where the guide snaps through or ends before."""
         if self.guide is None:
             return ()
         try:

@@ -455,17 +455,17 @@ class Robot(Checked):
         Parameters
         ----------
         ax
-            Where it is drawn; by default in a new figure.
+            Axes to draw into; by default those of a new figure.
 
         Returns
         -------
         matplotlib.axes.Axes
-            Where it was drawn; nothing is shown or saved.
+            The axes; nothing is shown or saved.
 
         Raises
         ------
         ParameterError
-            Where what is given are no axes.
+            Where `ax` are no axes.
         """
         return plotted("plot_shape", self, ax)
 

@@ -331,7 +331,7 @@ def commands_csv(found: ReachResult) -> str:
 
 
 def reached_csv(found: ReachResult) -> str:
-    """What was wanted and what is reached, with the bands of a calibration, a row per target, in SI."""
+    """The wanted and the reached values as CSV, with the bands of a calibration, a row per target, in SI."""
     columns: list[tuple[str, Sequence[object]]] = []
     for name in found.steps[0].wanted:
         columns.append((name, [step.channels[name] for step in found.steps]))

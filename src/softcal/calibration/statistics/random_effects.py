@@ -83,7 +83,7 @@ class Spread:
     weights
         Experiment -> weight of its value in their mean [-], sum 1.
     kind
-        What is compared: "experiments", or "set-ups", of which is then said all that is said of experiments here.
+        "experiments" or "set-ups"; for set-ups, read "set-up" in the place of "experiment" everywhere here.
     """
 
     values: Mapping[str, float]

@@ -99,7 +99,7 @@ def search(content: ReportContent) -> Iterator[Block]:
 
 @register_section("The run", place=110)
 def run(content: ReportContent) -> Iterator[Block]:
-    """How long each search took, and of which versions and files."""
+    """Duration of each search, and the versions and files of the run."""
     yield run_table(content)
     yield Gallery()
     yield FoldedTable(stamps_table(content))

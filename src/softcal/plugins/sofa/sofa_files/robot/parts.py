@@ -5,7 +5,7 @@ import Sofa.Core
 
 
 def first_known(*names):
-    """The first of some components' names that this SOFA knows."""
+    """The first of several component names that this SOFA has."""
     known = {entry.className for entry in Sofa.Core.ObjectFactory.components}
     for name in names:
         if name in known:

@@ -98,7 +98,7 @@ def require_below(n: float, numbers: Ints, name: str) -> None:
         wrong = numbers[(numbers < 0) | (numbers >= n)]
         allowed = "0 or more" if n == np.inf else f"0 to {n - 1:.0f}"
         got = f"{wrong[0]}" + (f" and {wrong.size - 1} more" if wrong.size > 1 else "")
-        raise InputError(Fault("these numbers do not exist", name, got, allowed))
+        raise InputError(Fault("these indices do not exist", name, got, allowed))
 
 
 def _numbers(

@@ -146,7 +146,7 @@ class FixedMapping(dict[Any, Any]):
     """A read-only mapping, as the arrays of a frozen object: objects computed from it would not follow a change."""
 
     def _refused(self, *_: object, **__: object) -> NoReturn:
-        raise TypeError("a part is not changed once it is made: dataclasses.replace makes another one")
+        raise TypeError("this mapping is read-only: dataclasses.replace returns a changed copy of its object")
 
     __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refused  # pyright: ignore[reportAssignmentType, reportIncompatibleMethodOverride]
 

@@ -313,7 +313,7 @@ def sensor_factor(unit: str, constant: str, si_unit: str, *, where: str = "") ->
         with contextlib.suppress(UnitError, ZeroDivisionError):
             return float(parse_quantity(constant, way) ** power)
     got, allowed = f"'{constant}' for a column in '{unit}'", f"a number in {si_unit} per {unit}, or the reverse"
-    raise UnitError(Fault("the constant does not lead from the column's unit to its channel's", where, got, allowed))
+    raise UnitError(Fault("the constant does not convert the column's unit to its channel's", where, got, allowed))
 
 
 def _as_float(value: float) -> float:

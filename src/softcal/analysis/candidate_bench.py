@@ -86,7 +86,7 @@ def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) 
     if candidate.name in names:
         raise InputError(Fault("an experiment has the name of the candidate", candidate.name))
     if candidate.like not in names:
-        raise InputError(unknown("there is no such experiment to be like", candidate.name, candidate.like, names))
+        raise InputError(unknown("there is no experiment of this name", candidate.name, candidate.like, names))
     like = problem.experiments[names.index(candidate.like)]
     test = as_experiment(candidate, like)
     own = own_parameters(candidate, like, problem.space.parameters)

@@ -84,4 +84,4 @@ class TableFormat(Declared):
             len(mark) != 1 or mark.isalnum() or mark in "\"'.+-_\r\n" or not (mark.isprintable() or mark == "\t")
         ):
             allowed = 'one character, such as ",", ";" or "\\t"'
-            raise InputError(Fault("this cannot separate columns", "delimiter", repr(mark), allowed))
+            raise InputError(Fault("this character cannot separate columns", "delimiter", repr(mark), allowed))

@@ -364,7 +364,7 @@ def _inputs(robot: Robot, spans: Mapping[str, Span]) -> list[Input]:
             faults += out
             if not out and not span.least <= value <= span.most:
                 at = format_quantity(value, span.unit)
-                faults.append(Fault("the range must have the robot's own value", name, text, f"a range with {at}"))
+                faults.append(Fault("the range must contain the robot's own value", name, text, f"a range with {at}"))
             found.append(Input(name, span.unit, span.least, span.most, value))
         elif not faults:
             found.append(_of_actuator(robot, actuated[name], span))

@@ -207,7 +207,7 @@ def _sets(cards: Sequence[_Card], lister: str, listed: Ints) -> dict[str, Ints]:
                 elif word in sets:
                     named.append(sets[word])
                 else:
-                    raise DeckError(f"'{word[:40]}' under {card}: a set that is above it, or a number, is allowed")
+                    raise DeckError(f"'{word[:40]}' under {card}: only a number or a set above it is allowed")
         places = places_of(
             listed,
             np.concatenate([*numbers, np.array(plain, dtype=np.int64)]),

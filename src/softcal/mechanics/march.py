@@ -156,7 +156,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
         if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
             state, why_not = _settled(statics, line, state)
             if why_not:
-                raise SimulationError(f"no equilibrium a time later under the same commands: {why_not}.")
+                raise SimulationError(f"no equilibrium after further time under the same commands: {why_not}.")
             node, commanded = stable_node_at(statics, line, end, state, ()), None
             snaps |= node.is_snapped
         elif not commanded.nodes and (node := _at_once(statics, line, state, last)) is not None:

@@ -124,7 +124,7 @@ class ActuatedPart(NamedPart, ABC):
         """
         where = f"{self.name}.{control}"
         if control not in self.controls:
-            return unknown("it cannot be commanded by this", self.name, control, self.controls)
+            return unknown("the actuator cannot be commanded by this quantity", self.name, control, self.controls)
         kind = self.controls[control]
         faults = (kind.fault(float(end), where) for end in (values.min(), values.max()))
         return next((fault for fault in faults if fault is not None), None)

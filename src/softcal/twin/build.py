@@ -438,7 +438,7 @@ class _Numbering:
             raise MeshError(Fault("the wall has no face", where, allowed=allowed))
         others = ((other, np.isin(keys, of)) for other, (on, of) in self.walls.items() if on == body)
         once = np.isin(np.arange(len(keys)), np.unique(keys, return_index=True)[1])
-        wrong = {"inside the body": ~np.isin(keys, surface), "there twice": ~once}
+        wrong = {"inside the body": ~np.isin(keys, surface), "duplicated": ~once}
         for what, which in [*wrong.items(), *((f"of {other}, too", which) for other, which in others)]:
             if which.any():
                 got = f"{np.count_nonzero(which)} of {len(keys)} faces are {what}"

@@ -291,7 +291,7 @@ class Cable(ActuatedPart):
         if self.line.rest_length is not None and self.line.rest_length > self.length:
             raise InputError(
                 Fault(
-                    "the unstretched cable is longer than its way, so that it hangs slack at zero shortening",
+                    "the unstretched cable is longer than its path, so that it hangs slack at zero shortening",
                     where=f"{self.name}.line.rest_length",
                     got=f"{1e3 * self.line.rest_length:.6g} mm",
                     allowed=f"{1e3 * self.length:.6g} mm or less",

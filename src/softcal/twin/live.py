@@ -567,7 +567,7 @@ class _Place(_InOneProcess):
         twin, statics, now = self.twin, self._steps.statics, self.reached.controls
         layout, known = twin.system.layout, stiffness_units(twin.robot)
         if others := [name for name in names if name not in known]:
-            raise ParameterError([unknown("this has no stiffness", "", name, known) for name in others])
+            raise ParameterError([unknown("no such stiffness is computed", "", name, known) for name in others])
         labels, ways = self._ways() if rates else ((), np.zeros((layout.n_unknowns, 0)))
         values, slopes = np.zeros(len(names)), np.zeros((len(names), len(labels)))
         for k, name in enumerate(names):

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 def _drives(control: str, where: str) -> str:
     if control not in (known := [name for name, kind in kinds().items() if kind.drives]):
-        raise InputError(unknown("no actuator is commanded by this", where, control, known))
+        raise InputError(unknown("no actuator is commanded by this quantity", where, control, known))
     return control
 
 

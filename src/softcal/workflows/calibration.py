@@ -129,7 +129,7 @@ def calibrate(
         else:
             begin_run(project, settings, list(problems), folder)
     elif resume:
-        raise InputError(Fault("there is no run to resume without its folder", attempt="out"))
+        raise InputError(Fault("a run is resumed from its folder, which is missing", attempt="out"))
     results: dict[str, CalibrationResult] = {}
     headline = JOINT if JOINT in problems or len(problems) > 1 else next(iter(problems))
     with stoppable() as stop:

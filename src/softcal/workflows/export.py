@@ -183,7 +183,7 @@ def _faults(export: Export, _: Mapping[str, Export]) -> list[Fault]:
         for got in [repr(option if kind is None else kind)]
     ]
     if not export.summary:
-        faults.append(Fault("it says nowhere what it writes", where, attempt="a docstring of the function"))
+        faults.append(Fault("the export has no description", where, attempt="a docstring of the function"))
     return faults
 
 
@@ -224,7 +224,7 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
     InputError
         Where it is written without its brackets.
     ParameterError
-        Where another export has the name, an option is no parameter of the function, or it says nowhere what it writes.
+        Where another export has the name, an option is no parameter of the function, or it has no description.
     """
     as_annotated(files, tuple[str, ...], "files")
     return EXPORTS.decorator(lambda function: Export(function.__name__, function, files, options, pulled, hint))

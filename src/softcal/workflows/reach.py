@@ -127,7 +127,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     if out is not None:
         require_free_folder(Path(out))
         if isinstance(twin, Robot):
-            raise InputError(Fault("the record of a robot alone would name no project", "out", attempt="a project"))
+            raise InputError(Fault("a folder needs a project, not a robot alone", "out", attempt="a project"))
     project = twin if isinstance(twin, Robot | Project) else load_calibrated(Path(twin))
     robot = project if isinstance(project, Robot) else project.robot
     robot = with_parameters(robot, theta or {})

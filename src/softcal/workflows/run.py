@@ -105,7 +105,7 @@ class Outcome(ABC):
             As `watch_run`.
         """
         if self.folder is None:
-            raise StorageError(Fault("there is no folder to show", "watch", attempt="out, a folder of the run"))
+            raise StorageError(Fault("there is no run folder to show", "watch", attempt="out, a folder of the run"))
         return watch_run(self.folder)
 
 

@@ -49,7 +49,7 @@ PROJECT, RECORD, INPUTS, CALIBRATIONS = "project.yaml", "run.json", "inputs", "c
 def _inside(place: str) -> str:
     """Validate that a path is inside the run's folder."""
     if not place or PurePath(place).is_absolute() or ".." in PurePath(place).parts or "\0" in place:
-        raise ValueError("a place in the run's folder is needed")
+        raise ValueError("a path within the run's folder is needed")
     return place
 
 
@@ -325,7 +325,7 @@ def _require_project(
                 got, allowed = (f"{p.lower:g} to {p.upper:g} {of.unit}, {p.scale}" for p in (one, of))
                 faults.append(Fault(f"{name} has other bounds than in the project", where, got, allowed))
         if isinstance(result, CalibrationResult) and result.loss_name != settings.loss:
-            faults.append(Fault("the loss is not that of the run", where, result.loss_name, settings.loss))
+            faults.append(Fault("the loss differs from that of the run", where, result.loss_name, settings.loss))
     if faults:
         raise StorageError(faults)
 

@@ -267,7 +267,7 @@ def pull(
         raise ParameterError(unknown(what, "", actuator, known))
     controls = known[actuator].controls
     if control not in controls:
-        raise ParameterError(unknown("it cannot be commanded by this", actuator, control, controls))
+        raise ParameterError(unknown("the actuator cannot be commanded by this quantity", actuator, control, controls))
     controls[control].checked(end, where="end")
     if not end > 0 and known[actuator] in robot.cables:
         got = format_quantity(end, controls[control].unit)

@@ -131,7 +131,7 @@ def sweep(
         }
     )
     if folder is None and resume:
-        raise InputError(Fault("there is no sweep to resume without its folder", attempt="out"))
+        raise InputError(Fault("a sweep is resumed from its folder, which is missing", attempt="out"))
     if folder is not None and resume:
         reopen_run(project, folder)
     elif folder is not None:

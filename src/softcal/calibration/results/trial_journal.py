@@ -172,7 +172,7 @@ class TrialJournal:
             for frozen in held[self._n_read :]:
                 stored = as_stored(frozen, frozen.user_attrs, self._path.parent)
                 if stored.trial.number in self._rows:
-                    raise contradiction(self._path, _WHAT, f"trial {stored.trial.number} is there twice")
+                    raise contradiction(self._path, _WHAT, f"trial {stored.trial.number} occurs twice")
                 self._rows[stored.trial.number] = stored
             self._n_read = len(held)
         return dict(sorted(self._rows.items()))

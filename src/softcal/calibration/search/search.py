@@ -342,7 +342,7 @@ def open_run(search: Search, folder: Path | None, resume: bool, files: Mapping[s
     """
     if folder is None:
         if resume:
-            raise StorageError(Fault("there is no run to resume without its folder", "store"))
+            raise StorageError(Fault("a run is resumed from its folder, which is missing", "store"))
         return None
     space, identity, settings = search.problem.space, search.identity, search.settings
     if resume:

@@ -108,7 +108,7 @@ def joinable_trials(place: StorageUrl, about: StudyIdentity, space: SearchSpace)
         elif trials and attribute(study.user_attrs, OUTCOME) is None:
             raise _not_softcals(place, about)  # softcal says what a study is before its first trial
         if study.directions != [optuna.study.StudyDirection.MINIMIZE]:
-            raise StorageError(Fault("the shared study has another aim than the lowest loss", place.shown, about.name))
+            raise StorageError(Fault("the shared study does not minimise its objective", place.shown, about.name))
         return {one.number: _outcome(one, place, about, space) for one in trials if _is_outcome(one)}
 
 

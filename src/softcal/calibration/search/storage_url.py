@@ -248,7 +248,7 @@ def storage_url(text: str) -> StorageUrl:
         if set(url.query) - _OPTIONS:
             options = ", ".join(sorted(_OPTIONS))
             raise StorageError(
-                Fault("the URL of the database has an option that it may not have", where, shown, options)
+                Fault("the URL of the database has an option that is not allowed", where, shown, options)
             )
         return StorageUrl(shown, url=url.render_as_string(hide_password=False))
     except (ValueError, sqlalchemy.exc.ArgumentError):

@@ -63,7 +63,7 @@ def run_case(
     if resume:
         if (out / SCORE).exists():
             raise StorageError(
-                Fault("the case was run to its end", str(out), f"{SCORE} in it", attempt="another --out")
+                Fault("the folder has a finished run of the case", str(out), f"{SCORE} in it", attempt="another --out")
             )
         if not (out / FIT).is_dir():
             raise StorageError(Fault("there is no fit to resume", str(out), attempt="without --resume"))

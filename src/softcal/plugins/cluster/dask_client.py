@@ -103,7 +103,7 @@ def require_same_code(client: distributed.Client, address: str) -> None:
                 shown = (f"{what} {one}" for one in (found, own))
                 faults[worker] = Fault(f"the worker {worker} has another version than this process", "--on", *shown)
     if faults:
-        same = Fault("the same softcal must be on all machines", "--on", f"'dask:{address}'")
+        same = Fault("all machines must have the same version of softcal", "--on", f"'dask:{address}'")
         raise InputError([*faults.values(), same])
 
 

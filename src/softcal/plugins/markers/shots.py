@@ -65,7 +65,7 @@ def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tupl
     """
     if group_by not in get_args(Grouping):
         allowed = ", ".join(get_args(Grouping))
-        raise InputError(Fault("images cannot be grouped so", "--group-by", f"'{group_by}'", allowed))
+        raise InputError(Fault("unknown grouping of the images", "--group-by", f"'{group_by}'", allowed))
     faults: list[Fault] = []
     paths: dict[Path, None] = {}
     for one in given:

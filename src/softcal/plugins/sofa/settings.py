@@ -29,7 +29,7 @@ class Rest(Declared):
         if self.hold >= self.longest:
             raise InputError(
                 Fault(
-                    "the robot cannot be still for so long before it is given up",
+                    "the time at rest must be shorter than the longest simulated time",
                     got=f"hold {self.hold:g} s, longest {self.longest:g} s",
                     allowed="hold < longest",
                 )
@@ -62,10 +62,10 @@ class SofaSettings(Declared):
             if not shorter < longer:
                 raise InputError(
                     Fault(
-                        "the next time step is tried where the one before did not settle",
+                        "time steps must decrease: each is tried where the previous one did not settle",
                         "time_steps",
                         got=f"{shorter:g} s after {longer:g} s",
-                        allowed="each shorter than the one before",
+                        allowed="each shorter than the previous one",
                     )
                 )
 

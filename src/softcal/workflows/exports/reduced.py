@@ -109,7 +109,7 @@ def _spans(robot: Robot, text: str) -> dict[str, Span]:
         of_each = dict.fromkeys([part.name for part in robot.commandable], parts[0])
     elif len(of_each) != len(parts):
         allowed = f"one range for all {robot.actuator_word}s (8N), or one for each input (front=8N,left=40mm)"
-        raise ParameterError(Fault("the ranges are not those of inputs", "--reach", f"'{text}'", allowed))
+        raise ParameterError(Fault("a range has no name of an input", "--reach", f"'{text}'", allowed))
     found, faults = dict[str, "Span"](), list[Fault]()
     for name, value in of_each.items():
         try:

@@ -373,7 +373,7 @@ def plain(number: float, digits: int = 4) -> str:
 
 
 def rounded(value: float, uncertainty: float | None, least: int = 0) -> str:
-    """A number to the second significant digit of its uncertainty; to three digits where that is not known.
+    """A number to the second significant digit of its uncertainty; to three digits without an uncertainty.
 
     Parameters
     ----------

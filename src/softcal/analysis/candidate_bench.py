@@ -52,10 +52,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class Simulated:
-    """Experiment or candidate -> its blocks; candidate -> why it has none, a sentence; number of trajectories.
+    """Experiment or candidate -> its blocks; candidate -> sentence on why it has no blocks; number of trajectories.
 
-    uncertain: the parameters of the blocks' `systematic`, with the error of the mesh where that is known. note: what is
-    assumed of it, a sentence, or "".
+    uncertain: the parameters of the blocks' `systematic`, with the error of the mesh where it is known. note: sentence
+    on the assumption about that error, or "".
     """
 
     rows: Mapping[str, Sequence[Row]]

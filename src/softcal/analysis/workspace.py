@@ -439,7 +439,7 @@ class _Border:
         return np.array(np.linalg.svd(by / self.extent[:, None] * (self.upper - self.lower), compute_uv=False).tolist())
 
     def pushed(self, state: LiveState, normal: Floats, spans: Floats) -> WorkspaceState:
-        """The end of the way outward from a state along a normal (k,) of the scaled channels."""
+        """The last state that is reached outwards from a state, along a normal (k,) of the scaled channels."""
         tolerances, limits = self.task.tolerances.copy(), tuple[str, ...]()
         tolerances[self.columns] = CLOSE * spans
         task = replace(self.task, tolerances=tolerances)

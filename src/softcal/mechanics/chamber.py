@@ -288,7 +288,7 @@ def _vector_area(x: Floats, W: Floats) -> Floats:
 
 @cache
 def _shapes(k: int) -> tuple[Floats, Floats, Floats]:
-    """Those of a face of k nodes at the points of quadrature (6, k)."""
+    """Shape functions of a face of k nodes and their derivatives, at the quadrature points (6, k)."""
     return face_shapes(k, _POINTS)
 
 

@@ -59,7 +59,7 @@ class Skins:
     touch_owner: Ints
 
     def crossings(self, x: Floats) -> Crossings:
-        """The bodies that cross at positions x (n_points, 3) [m], except those that cross at rest already."""
+        """The bodies that intersect at positions x (n_points, 3) [m], except pairs that intersect at rest."""
         found = self._crossings(self._vertices(x))
         for pair, depth in self._overlaps(x).items():
             found[pair] = max(found.get(pair, 0.0), depth)
@@ -73,7 +73,7 @@ class Skins:
         return frozenset(self.crossings(x))
 
     def _overlaps(self, x: Floats) -> Crossings:
-        """The bodies of which points would press, and how far [m] they are beyond the other's surface."""
+        """The bodies whose points would be in contact, and their largest depth [m] beyond the other's surface."""
         points, simplices, depth = self.touch.overlaps(x)
         press = depth > TOUCH * self.touch.depth
         return self._deepest(self.touch_owner[points[press]], self.touch_owner[simplices[press, 0]], depth[press])

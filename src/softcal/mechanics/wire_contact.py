@@ -117,7 +117,7 @@ class WireContactTerm(Term):
         return float(free)
 
     def in_words(self) -> str:
-        """From which distance on wires push, for a table."""
+        """Text on the distance from which on wires push, for a table."""
         other = "discs" if len(self.faces) else "each other"
         return f"wires push {other} from {format_quantity(self.gap, 'm', digits=2)} on"
 

@@ -66,22 +66,22 @@ class Headline(ABC):
 
     @property
     def label(self) -> str:
-        """What the result is called among the report's, as a sentence; "" where there can be no others."""
+        """Sentence with the name of the result among the report's results; "" where there can be only one."""
         return ""
 
     @property
     @abstractmethod
     def subject(self) -> str:
-        """What was done, a sentence."""
+        """Sentence on the work that was done."""
 
     @property
     def lead(self) -> str:
-        """What comes before the values in the summary."""
+        """Text before the values in the summary."""
         return ""
 
     @abstractmethod
     def gains(self, known: Nominal) -> list[Gain]:
-        """What all sections together gained over the nominal values, then each of them."""
+        """The gain of all sections together over the nominal values, then that of each section."""
 
 
 @dataclass(frozen=True)

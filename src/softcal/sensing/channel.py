@@ -143,7 +143,7 @@ WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
 
 
 def in_a_word(channel: str) -> str:
-    """What a channel is called in sentences, whoever carries it: "force", "travel", "pressure"."""
+    """Noun for a channel in sentences, without its carrier: "force", "travel", "pressure"."""
     kind = channel_name(channel).kind
     return WORDS.get(kind.name, kind.name)
 

@@ -376,12 +376,12 @@ class LiveTwin(_InOneProcess):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """What each actuator that it drives is commanded by."""
+        """Actuator -> the coordinate or effort that commands prescribe."""
         return FixedMapping(self._controls)
 
     @property
     def remembers(self) -> bool:
-        """Whether a state depends on those before it."""
+        """Whether a state depends on the previous states."""
         return self._twin.system.remembers
 
     @property
@@ -637,7 +637,7 @@ class _Place(_InOneProcess):
             raise ParameterError(faults)
 
         def inertia_of(one: Twin, values: Mapping[str, float]) -> Inertia:
-            """That of a twin: its robot has the values of its shape, but not these."""
+            """The inertia of a twin at parameters: its robot has the values of its shape, but not the others."""
             own = {name: values[name] for name, info in robot_parameters(one.robot).items() if not info.shapes}
             return robot_inertia(one, with_parameters(one.robot, own), settings.masses)
 
@@ -676,7 +676,7 @@ class _Place(_InOneProcess):
         M, C, K = matrices(twin, self.state, theta) if parameters else np.zeros((3, size, size))
 
         def rates_of(wanted: Any, damping: Floats, of: Floats) -> Any:
-            """Derivatives of the poles nearest to these."""
+            """Derivatives of the poles that are nearest to the wanted ones."""
             if not parameters:
                 return np.zeros((len(wanted), 0))
             poles, slopes = pole_rates(np.array([M, damping, K]), of)

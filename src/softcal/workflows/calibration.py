@@ -261,12 +261,12 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
 
 
 def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss:
-    """The loss that the settings name, with its options; length [m]: what distances are told in per cent of.
+    """The loss that the settings name, with its options; length [m]: reference of distances in per cent.
 
     Raises
     ------
     ParameterError
-        Where there is no such loss, or it needs a length and there is none.
+        Where there is no such loss, or it needs a length and `length` is None.
     """
     loss = LOSSES.named(settings.loss)
     if loss.needs_length and length is None:

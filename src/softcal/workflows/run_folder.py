@@ -194,7 +194,7 @@ def finish_run(project: Project, results: Mapping[str, CalibrationResult], folde
 
 
 def finish_sweep(project: Project, result: SweepResult, folder: Path, told: Mapping[str, Any]) -> None:
-    """As `finish_run`, of a sweep.
+    """See `finish_run`; for a sweep.
 
     Parameters
     ----------

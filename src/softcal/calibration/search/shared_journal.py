@@ -83,14 +83,14 @@ def open_journal(path: Path) -> optuna.storages.BaseStorage:
 
 
 def _require_journal(path: Path) -> None:
-    """Raise where a file is there that is no journal: it is the user's, and nothing is written into it.
+    """Raise an error if a file is no journal: it belongs to the user, and nothing is written into it.
 
-    Only its beginning and its last line are looked at; Optuna reads the lines between, and says what is wrong there.
+    Only its beginning and its last line are checked; Optuna reads the lines between, and reports their faults.
 
     Raises
     ------
     StorageError, ValueError, RecursionError
-        As said.
+        Where it is no journal, or its last line is damaged.
     OSError
         Where it cannot be read.
     """

@@ -412,7 +412,7 @@ def set_attribute(set_one: Callable[[str, Any], None], key: str, value: Any) -> 
     Parameters
     ----------
     set_one
-        Optuna's `set_user_attr` of it.
+        `set_user_attr` of the study or the trial.
     key, value
         The attribute.
     """

@@ -432,7 +432,7 @@ class Linear:
         return step
 
     def differences(self, between: Between) -> Source:
-        """The differences between experiments in a parameter as a source of error: each has its own value of it."""
+        """The source of error by the differences between experiments in a parameter, whose value is another in each."""
         moved = np.zeros(len(self.inverse))
         moved[between.column] = 1.0
         records = [

@@ -28,7 +28,7 @@ DIFFERS = 0.05
 
 @dataclass(frozen=True)
 class RandomEffects:
-    """What several experiments say of one quantity.
+    """Mean and spread of one quantity over several experiments.
 
     Attributes
     ----------

@@ -72,7 +72,7 @@ class Packets:
 
 
 def _page_s_packets(receive: Receive) -> Receive:
-    """What a websocket receives, which any other packet ends."""
+    """The messages of a websocket, which disconnects at any packet that the page does not send."""
 
     async def packet() -> MutableMapping[str, Any]:
         message = await receive()

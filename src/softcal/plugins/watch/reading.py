@@ -92,7 +92,7 @@ def clean(value: object, most: int = 2000) -> str:
 
 
 def finite(value: object) -> float | None:
-    """A value as a number; None where it is none, not finite, or larger than any of softcal's."""
+    """A value as a number; None where it is no number, not finite, or larger than softcal's numbers can be."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

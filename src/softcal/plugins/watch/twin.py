@@ -160,7 +160,7 @@ class TwinKeeper:
 
 
 def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIENCE) -> tuple[dict[str, Any], bytes]:
-    """What the process of `twin_worker` answers with its `fits`, and the GLB file, empty where there is none.
+    """The answer of the process of `twin_worker`, with its `fits`, and the GLB file, empty where there is none.
 
     Parameters
     ----------

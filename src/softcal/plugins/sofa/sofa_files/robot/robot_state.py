@@ -80,7 +80,7 @@ def read_chamber(node, chamber, dt):
 
 
 def read_rods(parts, parameters):
-    """The twin's own nodes of every rod: the scene has more."""
+    """Positions of the twin's nodes of every rod [m]; the scene has further nodes between them."""
     return {
         name: np.array(node.dofs.position.value)[:: parameters["rods"][name]["segments"], :3].tolist()
         for name, node in parts["rods"].items()
@@ -126,7 +126,7 @@ def frame_of(name, parts):
 
 
 def carried(at, name, plate, parts):
-    """Where a plate has taken a point [m].
+    """Position [m] of a point that moves with a plate.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         Parameters
         ----------
         name
-            Of the function.
+            Name of the function.
         summary
             First sentence of its docstring.
         require

@@ -293,12 +293,12 @@ def sensor_factor(unit: str, constant: str, si_unit: str, *, where: str = "") ->
     Parameters
     ----------
     unit
-        Of its numbers, such as "counts", "A" or "mV".
+        Unit of its numbers, such as "counts", "A" or "mV".
     constant
         The sensor's constant: what it writes for one of the quantity, or the reverse, such as "4096 counts/turn",
         "1.2 N*m/A" or "-2 mV/N".
     si_unit
-        Of the quantity.
+        SI unit of the quantity.
     where
         Where the unit is stated, for errors.
 

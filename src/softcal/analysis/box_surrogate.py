@@ -210,7 +210,7 @@ def checked_box(
     simulations
         Evaluations of the twin, at most.
     seed
-        Of the points.
+        Seed of the points.
     workers
         An executor, or a number of processes that simulate.
     progress

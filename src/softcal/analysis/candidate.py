@@ -30,7 +30,7 @@ class Candidate(Checked):
     Attributes
     ----------
     name
-        Of the test.
+        Name of the test.
     like
         The calibration's experiment that it is like in all that follows, and in its rig.
     actuator

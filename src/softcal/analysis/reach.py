@@ -242,7 +242,7 @@ class ReachTask:
     tolerances
         Below which an error counts as none (n_channels,).
     weights
-        Of the errors, in units of their tolerances (n_channels,).
+        Weights of the errors, in units of their tolerances (n_channels,).
     lower, upper
         Limits (n_channels,), infinite where there is none.
     rates
@@ -282,7 +282,7 @@ def reach_targets(
     wanted
         Channel -> value [SI], by target.
     times
-        Of the targets [s]; None: each is held for long.
+        Times of the targets [s]; None: each is held for long.
 
     Raises
     ------

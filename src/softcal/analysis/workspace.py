@@ -254,7 +254,7 @@ def find_workspace(
     n_states
         Commands of the sequence; None: `STATES` by the number of channels.
     seed
-        Of the sequence.
+        Seed of the sequence.
     values
         Calibrated values, for the record.
     progress

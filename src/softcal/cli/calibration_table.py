@@ -189,7 +189,7 @@ def result_line(label: str, result: CalibrationResult) -> str:
 
 
 def _add_parameters(table: Table, fits: Sequence[Mapping[str, Estimate]], *, verbose: bool) -> None:
-    """A line for each parameter; of one that each test has by itself a line for all, and if verbose for the vaguest."""
+    """A line for each parameter; for one of each test a single line, if verbose of the least certain value."""
     from softcal.calibration.results.digits import interval_text
     from softcal.report.format import worst
 

@@ -1,4 +1,4 @@
-"""How the commands that study a calibration or a project begin and end."""
+"""Beginning and end of the commands that study a calibration or a project."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What many calls share: pickled once, named by its hash, and opened once in each worker."""
+"""Objects that many calls share: pickled once, named by their hash, and opened once in each worker."""
 
 from __future__ import annotations
 

@@ -185,7 +185,7 @@ def read_channels(path: Path, known: Collection[str]) -> Dataset:
     DatasetError
         For a column of any other name, a value that is missing, and as `read_table`.
     UnitError, StorageError
-        As `read_table`.
+        See `read_table`.
     """
     names = [TIME.name, *known]
     table = load_table(path, names, TableFormat())

@@ -150,5 +150,5 @@ def _unpacked(data: bytes, header: np.dtype[Any], compressor: str, is_text: bool
 
 
 def _length(count: int) -> int:
-    """How many letters so many bytes take in base 64."""
+    """Number of letters for a number of bytes in base 64."""
     return 4 * -(-count // 3)

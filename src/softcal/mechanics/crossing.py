@@ -137,7 +137,7 @@ class Skins:
 
 
 def _depth(edge: Floats, face: Floats) -> Floats:
-    """How far [m] the nearer end of each edge (m, 2, 3) is beyond the face (m, 3, 3) that it passes through, or 0."""
+    """Depth [m] of the nearer end of each edge (m, 2, 3) beyond the face (m, 3, 3) that it passes through, or 0."""
     a, b, c = face[:, 0], face[:, 1], face[:, 2]
     normal = np.cross(b - a, c - a)
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]

@@ -55,7 +55,7 @@ class Dynamics:
 
     @property
     def n_factorisations(self) -> int:
-        """Number in all steps so far."""
+        """Number of factorisations in all steps so far."""
         return self._statics.n_factorisations
 
     def advance(self, now: Instant, step: float, drive: Drive) -> Instant:

@@ -106,7 +106,7 @@ class Target:
         The commands; `is_held` marks the actuators that are commanded by their effort, all others are by their
         coordinate.
     names
-        Of the parameters by which derivatives are wanted (k,).
+        Names of the parameters by which derivatives are wanted (k,).
     rates
         Derivatives of the commands by these (n_actuators, k); None: they are fixed.
     """

@@ -65,7 +65,7 @@ class RodTerm(Term):
     name
         What its parameters' names begin with.
     volumes
-        Of its elements at rest (n,) [m^3].
+        Volumes of its elements at rest (n,) [m^3].
     frames
         Frames that each element's ends ride on (n, 2).
     arm, triad

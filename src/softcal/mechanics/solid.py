@@ -91,7 +91,7 @@ class SolidTerm(Term):
     Attributes
     ----------
     name
-        Of the material, before its parameters' names.
+        Name of the material, before its parameters' names.
     law, compiled
         The law, and its derivatives to evaluate.
     conn

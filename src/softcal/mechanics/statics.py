@@ -205,7 +205,7 @@ class Statics:
         at
             The linearisation.
         drag
-            Of every point and frame against its motion [N/m], see `stiffness`.
+            Drag of every point and frame against its motion [N/m], see `stiffness`.
         free
             Modes (n_unknowns - n_actuators, k) excluded from solutions, see `exclude`.
 

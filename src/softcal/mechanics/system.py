@@ -416,7 +416,7 @@ class System:
         Parameters
         ----------
         extent
-            Of the robot [m].
+            Extent of the robot [m].
         theta
             Values of the parameters by dotted name [SI].
         effort

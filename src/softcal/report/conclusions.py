@@ -123,7 +123,7 @@ def conclusions(content: ReportContent) -> list[Remark]:
 
 
 def _few(sentences: Iterable[Remark], what: str) -> Iterable[Remark]:
-    """The sentences of one tone after another, of many the first and one that says how many more there are."""
+    """The sentences by tone; of many sentences the first ones, and one on the number of the others."""
     by_tone: dict[Tone, list[Remark]] = {}
     for one in sentences:
         by_tone.setdefault(one.tone, []).append(one)

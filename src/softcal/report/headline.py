@@ -118,7 +118,7 @@ class CalibrationHeadline(Headline):
         return joined([*labels, f"{others} further parameter{'s' * (others > 1)}"])
 
     def gains(self, known: Nominal) -> list[Gain]:
-        """Of the markers alone: the loss holds every other channel too."""
+        """Gains of the markers alone: the loss also contains every other channel."""
         fits = self.result.experiments
         found = {name: {point: distance.rms for point, distance in fit.distances.items()} for name, fit in fits.items()}
         before = section_errors(self.result, {name: known.errors[name] for name in found if name in known.errors})

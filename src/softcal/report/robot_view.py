@@ -185,11 +185,11 @@ def plate_parts(
     plate
         The plate.
     pose
-        Of the plate's reference point [m].
+        Pose of the plate's reference point [m].
     colour
-        Of its parts.
+        Colour of its parts.
     size
-        Of the robot [m].
+        Size of the robot [m].
     opacity
         From 0 to 1.
     """

@@ -180,7 +180,7 @@ class Actuator(Declared, ABC):
         Parameters
         ----------
         name
-            Of the part, first part of its parameters' names.
+            Name of the part, first part of its parameters' names.
         places
             The numbering of the robot's points.
 
@@ -284,7 +284,7 @@ def limits_faults(parts: Sequence[ActuatedPart], key: str, low: float, high: flo
     parts
         The actuators.
     key
-        As of `limited_channels`.
+        See `limited_channels`.
     low, high
         The limits [SI].
     """

@@ -237,7 +237,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         return [(builder.first[on] + int(n), float(w)) for n, w in zip(held.nodes, held.weights, strict=True)]
 
     def routed(parts: Sequence[ActuatedPart]) -> dict[str, list[Weights]]:
-        """The via points of those that have a route."""
+        """The via points of the actuators that have a route."""
         return {
             part.name: [
                 support(p.at, p.on, f"{part.name}, via point {i + 1}", radius=p.radius, drawn=p.at - p.offset)

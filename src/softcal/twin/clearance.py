@@ -114,7 +114,7 @@ class RobotSurface:
         obstacles
             The obstacles by name.
         extent
-            Of the robot [m].
+            Extent of the robot [m].
         """
         x = self.at(state)
         own = np.unique(self.triangles)

@@ -55,7 +55,7 @@ class EquilibriumPath:
     actuator
         The driven actuator; None where nothing is driven.
     tolerance
-        Of the curve, over a channel's largest value [-]; 0 solves every sample.
+        Tolerance of the curve, over a channel's largest value [-]; 0 solves every sample.
     is_shared
         Whether simulations of other samples are to follow, as in a search: their paths then end at the same places.
     guide
@@ -250,7 +250,7 @@ class EquilibriumPath:
         return path, curve
 
     def largest(self, values: Floats) -> Floats:
-        """The largest of some values (n, n_channels) in all channels of one unit, for each (n_channels,)."""
+        """For each channel (n_channels,), the largest of the values (n, n_channels) in all channels of its unit."""
         return self._scale(np.abs(values).max(axis=0)[:, None], np.zeros(1))[:, 0]
 
     def scale(self, values: Floats) -> Floats:
@@ -306,7 +306,7 @@ class EquilibriumPath:
         past
             Shortening [m] from which on it ends at the next node.
         guide
-            As of `softcal.mechanics.path.follow`.
+            See `softcal.mechanics.path.follow`.
         """
         i = self.number
         length = self.span(until) if np.isfinite(until) else self.length

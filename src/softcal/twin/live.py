@@ -185,7 +185,7 @@ class LiveState:
         Raises
         ------
         ParameterError, SimulationError
-            As `stiffnesses`.
+            See `stiffnesses`.
         """
         named = as_annotated(names, tuple[str, ...], "names")
         return Jacobian(named, *self._place.stiffnesses(named, rates=True)[1:])

@@ -51,7 +51,7 @@ class Winding(Declared):
 
     Attributes
     ----------
-    angle : Of the fibres to the axis: 0 along it, 90 deg around it
+    angle : Angle of the fibres to the axis: 0 along it, 90 deg around it
     point : A point (3,) [m] of the axis, in the robot at rest
     direction : Its direction (3,), of any length but zero
     """

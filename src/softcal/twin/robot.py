@@ -378,7 +378,7 @@ class Marker(NamedPart):
 
     @property
     def place(self) -> Floats:
-        """Where it is attached (3,) [m], in the rest frame."""
+        """Place of attachment (3,) [m], in the rest frame."""
         return self.at + self.offset
 
     def offset_by(self, values: Mapping[str, float]) -> Marker:
@@ -523,7 +523,7 @@ class Robot(Checked):
 
     @property
     def as_clamped(self) -> Robot:
-        """The same robot, every body's mesh ending where its clamp does."""
+        """The robot with every body's mesh changed to the depth of its clamp."""
         if all(body.clamp is None for body in self.bodies):
             return self
         return replace(self, bodies=tuple(body.as_clamped for body in self.bodies))

@@ -165,7 +165,7 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
     Raises
     ------
     InputError
-        As `calibrate`.
+        See `calibrate`.
     ParameterError
         For an option that neither the method nor the loss has.
     """

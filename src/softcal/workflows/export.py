@@ -237,7 +237,7 @@ def write_export(name: str, request: ExportRequest, folder: str | Path, **option
     Parameters
     ----------
     name
-        Of the export.
+        Name of the export.
     request
         The project, its pulls, and observers.
     folder

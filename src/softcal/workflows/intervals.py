@@ -63,7 +63,7 @@ def study_intervals(
     Raises
     ------
     InputError
-        As `intervals`.
+        See `intervals`.
     SoftcalError
         Where the twin cannot be simulated, or the likelihood has no minimum near the values.
     """

@@ -73,7 +73,7 @@ def write_picture(figure: Figure, title: str, file: Path) -> None:
     title
         In the file's data.
     file
-        As of `require_picture`.
+        See `require_picture`.
     """
     png, svg = encode(figure, title)
     write_bytes(file, png if file.suffix == ".png" else svg)

@@ -77,7 +77,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
         Channel -> wanted value [SI], or values of one target after the other: `{"tip.x": 0.02, "tip.pitch": 0.3}`. A
         stiffness stands beside the channels, such as `tip.x_stiffness` [N/m], see `LiveState.stiffnesses`.
     times
-        Of the targets [s], for rates and for materials that relax or flow; by default each is held for long.
+        Times of the targets [s], for rates and for materials that relax or flow; by default each is held for long.
     controls
         What drives each actuator: a control such as "tension" or "shortening" (its effort, where it has no such
         control), or one by name of each that is driven.
@@ -190,7 +190,7 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     live
         The twin.
     targets, times, limits, rates, tolerances, weights, prefer, pretension, obstacles
-        As of `reach`.
+        See `reach`.
 
     Raises
     ------

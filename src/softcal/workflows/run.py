@@ -68,7 +68,7 @@ class Run(ABC):
         Raises
         ------
         InputError
-            As `watch_run`.
+            See `watch_run`.
         """
         return watch_run(self.folder)
 
@@ -102,7 +102,7 @@ class Outcome(ABC):
         StorageError
             Where the search has no folder.
         InputError
-            As `watch_run`.
+            See `watch_run`.
         """
         if self.folder is None:
             raise StorageError(Fault("there is no run folder to show", "watch", attempt="out, a folder of the run"))

@@ -89,9 +89,9 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
     project
         With its files.
     settings
-        Of the calibration.
+        Settings of the calibration.
     labels
-        Of the calibrations, in order.
+        Labels of the calibrations, in order.
     folder
         New or empty.
 
@@ -178,7 +178,7 @@ def finish_run(project: Project, results: Mapping[str, CalibrationResult], folde
     Parameters
     ----------
     project
-        Of the run.
+        Project of the run.
     results
         Label -> calibration.
     folder
@@ -199,7 +199,7 @@ def finish_sweep(project: Project, result: SweepResult, folder: Path, told: Mapp
     Parameters
     ----------
     project
-        Of the run.
+        Project of the run.
     result
         The sweep.
     folder

@@ -65,7 +65,7 @@ class StudyKind(Generic[S]):
         study
             The study.
         project
-            Of the study, with its hashes.
+            Project of the study, with its hashes.
         calibration
             Label of the studied calibration of a run, or "".
         folder

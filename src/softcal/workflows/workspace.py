@@ -73,7 +73,7 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
     states
         Commands that are tried inside the limits; by default 64, 256 or 512 for one, two or three channels.
     seed
-        Of these commands.
+        Seed of these commands.
     picture
         A new file, .png or .svg: the workspace over its channels.
     out

@@ -277,7 +277,7 @@ def cut_to_whole_lines(path: Path) -> None:
 
 
 def _whole_lines(file: BinaryIO) -> tuple[int, bytes]:
-    """Where the last whole line of a file ends, and that line without its end.
+    """End of the last whole line of a file, and the line without its newline.
 
     Raises
     ------
@@ -296,7 +296,7 @@ def _whole_lines(file: BinaryIO) -> tuple[int, bytes]:
 
 
 def attributes(stored: StoredTrial) -> dict[str, Any]:
-    """What softcal keeps of a trial in Optuna's user attributes, with the digest of all that is known of it."""
+    """Record of a trial in Optuna's user attributes, with the digest of all its data."""
     trial = stored.trial
     held = {
         "reason": trial.reason,

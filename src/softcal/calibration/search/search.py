@@ -65,7 +65,7 @@ Observer = Callable[[Progress], None]
 
 @dataclass(frozen=True)
 class Search:
-    """What is searched, and how.
+    """The problem of a search, and its settings.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """The outcome of a search.
 
     Attributes
     ----------

@@ -52,7 +52,7 @@ _PIECES = "pieces"
 
 
 class _About(Record):
-    """What a study is, as its first process wrote it."""
+    """Description of a study, as its first process wrote it."""
 
     format: Count
     identity: dict[str, str]
@@ -61,7 +61,7 @@ class _About(Record):
 
 @dataclass(frozen=True)
 class StudyIdentity:
-    """What a shared study is a search of.
+    """Description of the search of a shared study.
 
     Attributes
     ----------
@@ -342,7 +342,7 @@ class SharedStudy:
 def _outcome(
     frozen: optuna.trial.FrozenTrial, place: StorageUrl, about: StudyIdentity, space: SearchSpace
 ) -> StoredTrial:
-    """What a trial gave.
+    """The outcome of a trial.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Where processes share a study: the URL of a journal file or a database, opened by Optuna, or refused in a sentence.
+"""Storage of a shared study: the URL of a journal file or a database, opened by Optuna, or refused in a sentence.
 
 A password is never shown, whatever is wrong with it or the URL.
 """

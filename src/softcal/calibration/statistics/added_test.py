@@ -49,7 +49,7 @@ class AddedChannel:
     Attributes
     ----------
     name
-        Of the channel.
+        Name of the channel.
     answer, own
         d channel / dz (n, size) of the calibration's parameters, and (n, q) of the test's own [SI].
     like
@@ -87,7 +87,7 @@ class AddedTest:
     Attributes
     ----------
     name
-        Of the test.
+        Name of the test.
     channels
         What it would measure.
     serves

@@ -43,7 +43,7 @@ def width_of(slopes: Floats, covariance: Floats, found: Estimator, noise: Floats
     Parameters
     ----------
     slopes, covariance, found
-        As of `half_width`.
+        See `half_width`.
     noise
         Standard deviation [SI] of a measurement; 0 for the band of the robot itself.
     """
@@ -114,7 +114,7 @@ def repeat_bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Est
     Parameters
     ----------
     loss, slopes, blocks, found
-        As of `bands`.
+        See `bands`.
     """
     from scipy.ndimage import uniform_filter1d
 

@@ -1,4 +1,4 @@
-"""How the experiments of a joint fit differ in the parameters that they share, from the jacobians at its minimum.
+"""Differences between the experiments of a joint fit in their shared parameters, by the jacobians at its minimum.
 
 In experiment i alone, the shared parameter p and the experiment's own parameters (its slack, its offsets) move by
 
@@ -126,7 +126,7 @@ def between_experiments(
     members: Mapping[str, Sequence[str]] | None = None,
     apart: Apart | None = None,
 ) -> tuple[Between, ...]:
-    """The shared parameters that can be compared between two experiments or more, those that differ first.
+    """The shared parameters that can be compared between two experiments or more, with differing parameters first.
 
     A parameter cannot be what differs where an experiment's own value of it, or of one in which they differ already,
     would lie outside the search box.

@@ -81,7 +81,7 @@ class Estimator:
     root
         `root.T @ root` is the covariance of z, shape (size, size); zero in unidentifiable directions.
     minimum
-        Of the unbounded quadratic model, shape (size,).
+        Minimum of the unbounded quadratic model, shape (size,).
     unseen
         Unidentifiable directions, to which no residual is sensitive, rows.
     beyond
@@ -286,7 +286,7 @@ def spent_groups(loss: Loss, slopes: Floats, blocks: Sequence[Block]) -> tuple[s
     Parameters
     ----------
     loss, slopes, blocks
-        As of `estimator`.
+        See `estimator`.
     """
     seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)

@@ -258,7 +258,7 @@ def drift_sources(parts: Sequence[ScaledBlock], noise: Sequence[Source]) -> list
 
 
 def misfit_sources(parts: Sequence[ScaledBlock]) -> list[Source]:
-    """What the model may miss, by the usual causes of each channel: as much as they explain, or less."""
+    """Sources of error by the usual causes that the model may miss in each channel, as large as they are or smaller."""
     found: list[Source] = []
     for part in parts:
         if part.misfit is not None:

@@ -122,7 +122,7 @@ def welch_test(values: Floats, variances: Floats, dof: Floats) -> tuple[float, f
     Parameters
     ----------
     values, variances, dof
-        As of `random_effects`.
+        See `random_effects`.
     """
     from scipy.special import chdtrc, fdtrc
 

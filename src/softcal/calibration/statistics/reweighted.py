@@ -174,7 +174,7 @@ def reweighted(
     Parameters
     ----------
     loss, z, slopes, blocks, uncertain
-        As of `estimator`.
+        See `estimator`.
     groups
         Of each block's samples (n,), `NONE` in the place of none.
     found

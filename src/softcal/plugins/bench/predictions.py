@@ -228,7 +228,7 @@ def require_matching(record: CaseRecord, found: Predictions, where: str, *, alig
     where
         File of the predictions, for the faults.
     aligned
-        As in `read_predictions`.
+        See `read_predictions`.
     """
     chosen = [sample for sample, fit in zip(record.samples, record.is_fit, strict=True) if not fit]
     chosen = [sample for sample in chosen if sample in set(found.samples)]
@@ -334,7 +334,7 @@ def frame_faults(
     where
         File of the predictions.
     aligned
-        As in `read_predictions`.
+        See `read_predictions`.
     moves
         Whether they are of several samples: of one alone, a motion of all points is an error of the prediction.
     """

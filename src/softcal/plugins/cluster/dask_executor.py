@@ -305,7 +305,7 @@ class DaskExecutor(Executor):
                 one.outcome.set_exception(error)
 
     def _meaning(self, error: BaseException | None) -> BaseException:
-        """What came of a call that has no result, as softcal's error."""
+        """The outcome of a call without a result, as softcal's error."""
         if error is None:
             return ExecutorLost(
                 f"The scheduler at {self._address} no longer answers. What was told so far is kept. Try: start it "
@@ -322,7 +322,7 @@ def _itself(parcel: Parcel) -> Parcel:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a worker is told with a call: softcal's code and the client, and how long it may take.
+    """The data sent to a worker with a call: softcal's code, the client, and the limit of time.
 
     longest: of the client's calls that had ended when it was handed over [s], 0 where none had.
     """

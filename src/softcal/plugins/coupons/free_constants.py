@@ -1,4 +1,4 @@
-"""The constants of a law that tests of incompressible coupons determine, and those that they do not.
+"""The constants of a law that tests of incompressible coupons determine, and its other constants.
 
 At constant volume the pressure takes the place of the volumetric part. A constant without effect there, such as a bulk
 modulus, and Poisson's ratio, which only scales the stresses, are stated and not fitted. A law whose stresses Poisson's

@@ -1,4 +1,4 @@
-"""What a material with a history predicts of a coupon test, row after row, with derivatives by its constants.
+"""The prediction of a coupon test by a material with a history, row after row, with derivatives by its constants.
 
 The pressure that keeps the free side without stress is not remembered: it is found at each row from the stress there,
 as in an elastic coupon.

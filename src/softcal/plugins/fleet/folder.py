@@ -150,7 +150,7 @@ def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -
     Parameters
     ----------
     table, settings
-        As in `begin_fleet`.
+        See `begin_fleet`.
     folder
         That of the fleet.
 
@@ -240,7 +240,7 @@ def set_aside(name: str, folder: Path, why: Literal["failed", "changed"]) -> Non
     Parameters
     ----------
     name
-        Of the specimen.
+        Name of the specimen.
     folder
         That of the fleet.
     why
@@ -330,7 +330,7 @@ def finish_fleet(
     Parameters
     ----------
     table, settings
-        As in `begin_fleet`.
+        See `begin_fleet`.
     specimens
         All of them, as calibrated.
     statement

@@ -58,7 +58,7 @@ class FleetRow:
     Attributes
     ----------
     name
-        Of the specimen.
+        Name of the specimen.
     changes
         Key of the template -> what stands in its place.
     values

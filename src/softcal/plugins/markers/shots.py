@@ -164,7 +164,7 @@ def read_image(path: Path) -> Image:
 
 @contextlib.contextmanager
 def _error_output() -> Generator[list[bytes]]:
-    """What libraries in C write to the error output meanwhile, which is shown to nobody; after the block."""
+    """Context that hides the error output of C libraries; after the block it has the text."""
     said: list[bytes] = []
     try:
         kept = os.dup(2)

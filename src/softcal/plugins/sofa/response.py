@@ -171,7 +171,7 @@ def shapes(
     Parameters
     ----------
     twin, protocol, records
-        As in `row_by_row`.
+        See `row_by_row`.
     states
         Actuator -> shortening [m], tension [N] or pressure [Pa], of each state after the first.
     """

@@ -273,7 +273,7 @@ def part_surface(path: Path, unit: str, size: str) -> Floats:
     path
         The file.
     unit
-        Of its coordinates, where the file does not state it.
+        Unit of its coordinates, where the file does not state it.
     size
         Edge of an element, with its unit, for a STEP file; bores are refined.
 

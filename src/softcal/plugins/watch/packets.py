@@ -1,4 +1,4 @@
-"""What a session of the page takes in: the packets of Engine.IO and Socket.IO that the page sends, and no others."""
+"""Filter of a session's input: only packets of Engine.IO and Socket.IO that the page sends are accepted."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def read_record(folder: Path, place: str) -> dict[str, Any] | None:
 
 
 def told(faults: list[str], read: Callable[[], T]) -> T | None:
-    """What is read, or None and a sentence on why not."""
+    """The content, or None and a sentence on why it cannot be read."""
     try:
         return read()
     except Unreadable as error:

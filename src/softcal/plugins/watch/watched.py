@@ -1,4 +1,4 @@
-"""What a run's folder says of it, as frozen data; a folder is read while another process writes it."""
+"""The state of a run from its folder, as frozen data; a folder is read while another process writes it."""
 
 from __future__ import annotations
 

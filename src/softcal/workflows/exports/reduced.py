@@ -39,7 +39,7 @@ def reduced(request: ExportRequest, folder: Path, reach: str | None = None, samp
     request
         The project, and observers.
     folder
-        Of the model.
+        Folder of the model.
     reach
         Largest effort of all actuators, `8N`, or ranges of inputs: of actuators by effort or coordinate, from 0 where
         the lower end is not stated, and of parameters of the robot, `front=8N,left=40mm,tip.mass=0g..200g`; by default

@@ -53,7 +53,7 @@ def carried_points(parts, on, name, points, **shown):
     on
         Name of the plate or body.
     name
-        Of the new node.
+        Name of the new node.
     points
         Positions (n, 3) [m].
     shown

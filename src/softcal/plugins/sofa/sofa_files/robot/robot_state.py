@@ -10,7 +10,7 @@ def pull(parts, parameters, values, dt):
     Parameters
     ----------
     parts, parameters, dt
-        As in `read_state`.
+        See `read_state`.
     values
         Cable -> shortening [m] or tension [N]; chamber -> pressure [Pa].
     """
@@ -110,7 +110,7 @@ def read_marker(marker, parameters, parts):
     marker
         Its entry in parameters.json.
     parameters, parts
-        As in `read_state`.
+        See `read_state`.
     """
     if not marker["on"]:
         return marker["at"]

@@ -298,8 +298,8 @@ class KalmanFilter:
 
 
 def _step(A: np.ndarray, r: np.ndarray, least: np.ndarray, most: np.ndarray, damping: float) -> np.ndarray:
-    """The shortest step d within a box that makes A d + r small: what leaves the box ends at its side, and the others
-    are solved anew; what a side holds leaves it where that lowers the sum of squares.
+    """The shortest step d within a box that makes A d + r small, by an active set: components that leave the box stay
+    at its side, the others are solved again; a component leaves its side where that lowers the sum of squares.
     """
     d, slope = np.zeros(A.shape[1]), A.T @ r
     moves = ~((least >= 0.0) & (slope > 0.0) | (most <= 0.0) & (slope < 0.0))

@@ -124,7 +124,7 @@ def carriers(kind: ChannelKind) -> tuple[str, ...]:
 
 
 def of_actuator(kind: ChannelKind) -> tuple[ChannelKind, ChannelKind]:
-    """The kinds of the coordinate and the effort of those actuators that have a channel of this kind, which drives."""
+    """The kinds of coordinate and effort of the actuators that a channel of this kind drives."""
     for sensor in SENSORS.values():
         if kind in sensor.kinds and sensor.of:
             by = {one.drives: one for one in sensor.kinds}

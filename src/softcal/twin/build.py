@@ -250,8 +250,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     via = routed(robot.cables)
 
     def beside(at: Floats, on: str, way: Floats, size: float, drawn: Floats) -> Weights:
-        """The rate of a point of a plate, a rod or space that is moved along a way (3,), on what carries it: the
-        point a size [m] further less itself, over the size; drawn: as of `support`.
+        """The derivative of a point on a plate, a rod or in space by a motion along `way` (3,), as weighted points of
+        its frames: the difference over a length `size` [m]; drawn: see `support`.
         """
         return [
             (builder.add((at + shift)[None, :], frame), sign * weight / size)

@@ -154,8 +154,8 @@ class EquilibriumPath:
         return node
 
     def passages(self, curve: Curve, efforts: Floats) -> Floats:
-        """The c at which the driven effort first is each of some (n,), on the way up or down from the start; NaN where
-        it never is.
+        """The first c at which the driven effort has each of the values (n,), upwards or downwards from the start; NaN
+        for values that it never has.
         """
         i = self.column(self.channels[1])
         up, down = curve.sides(i)

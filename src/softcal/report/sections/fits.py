@@ -43,7 +43,7 @@ def fits_table_1(content: ReportContent) -> bool:
 
 @register_section("Nominal and calibrated", place=20)
 def compared(content: ReportContent) -> Iterator[Block]:
-    """The errors before and after, or a sweep."""
+    """Errors at the nominal values and after the calibration or sweep."""
     yield Heading(headline(content).comparison)
     yield improvement_table(content)
     yield Gallery(wide=True)

@@ -61,7 +61,7 @@ class Array:
         Raises
         ------
         InputError
-            As `softcal.checks.frozen_floats`.
+            See `softcal.checks.frozen_floats`.
         """
         return frozen_floats(value, name=where, shape=self.shape, missing=self.missing)
 

@@ -46,7 +46,7 @@ class FunctionMember:
 
     @property
     def module(self) -> str:
-        """Where the function is defined; "" for one that was typed or executed as text."""
+        """Module that defines the function; "" for a function that was typed or executed as text."""
         return self.function.__module__ or ""
 
 
@@ -172,7 +172,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         Parameters
         ----------
         name
-            Of the function.
+            Name of the function.
         summary
             First sentence of its docstring.
         require
@@ -239,7 +239,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         known.pop(name, None)
 
     def _begun(self) -> dict[str, T]:
-        """softcal's own members and those that are registered; what brings the others is listed."""
+        """softcal's own members and those registered so far; entry points of further members are listed, not loaded."""
         if not self._asked:
             self._asked = True
             if self._home:

@@ -31,7 +31,7 @@ def frozen_floats(
     values
         Numbers in an array or nested lists.
     name
-        Of the argument, for errors.
+        Name of the argument, for errors.
     shape
         Lengths of the axes; None as a length allows any.
     missing
@@ -61,7 +61,7 @@ def frozen_ints(
     Parameters
     ----------
     values, name, shape
-        As in `frozen_floats`.
+        See `frozen_floats`.
     below
         Number of the things that are counted from 0, such as the points of a mesh, or infinity; None allows any number.
 
@@ -87,7 +87,7 @@ def require_below(n: float, numbers: Ints, name: str) -> None:
     numbers
         The numbers, of any shape.
     name
-        Of the argument, for errors.
+        Name of the argument, for errors.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def require_below(n: float, numbers: Ints, name: str) -> None:
         wrong = numbers[(numbers < 0) | (numbers >= n)]
         allowed = "0 or more" if n == np.inf else f"0 to {n - 1:.0f}"
         got = f"{wrong[0]}" + (f" and {wrong.size - 1} more" if wrong.size > 1 else "")
-        raise InputError(Fault("these numbers do not exist", name, got, allowed))
+        raise InputError(Fault("these indices do not exist", name, got, allowed))
 
 
 def _numbers(
@@ -142,7 +142,7 @@ _OTHERS = {
 
 
 def _n_masked(values: object, levels: int = 64) -> int:
-    """How many values are masked; NumPy drops the masks of the entries of a list in silence. levels: of lists in lists,
+    """Number of masked values; NumPy drops the masks of the entries of a list in silence. levels: of lists in lists,
     of which NumPy takes no more.
     """
     if isinstance(values, np.ma.MaskedArray):

@@ -67,7 +67,7 @@ class Checked:
             object.__setattr__(self, name, value)
 
     def _where(self, name: str) -> str:
-        """How messages name a field."""
+        """Name of a field in messages."""
         return name
 
 
@@ -130,8 +130,8 @@ def checked_arguments(function: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _argument_hints(function: Callable[..., Any]) -> dict[str, Any]:
-    """The annotations of the arguments by name, in their order; one that is None by default may be None. Of arguments
-    without a name of their own (*args) there is none.
+    """The annotations of the arguments by name, in their order; one that is None by default may be None. *args and
+    the like are omitted.
     """
     hints = get_type_hints(function, include_extras=True)
     single = [one for one in inspect.signature(function).parameters.values() if one.kind not in _MANY]
@@ -143,10 +143,10 @@ _MANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 class FixedMapping(dict[Any, Any]):
-    """A mapping that is as read-only as the arrays of a frozen object: what is built of it would not follow."""
+    """A read-only mapping, as the arrays of a frozen object: objects computed from it would not follow a change."""
 
     def _refused(self, *_: object, **__: object) -> NoReturn:
-        raise TypeError("a part is not changed once it is made: dataclasses.replace makes another one")
+        raise TypeError("this mapping is read-only: dataclasses.replace returns a changed copy of its object")
 
     __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refused  # pyright: ignore[reportAssignmentType, reportIncompatibleMethodOverride]
 
@@ -179,7 +179,7 @@ def as_annotated(value: Any, hint: Any, where: str) -> Any:
 
 
 def _kept(value: Any, hint: Any, where: str, faults: list[Fault], *, has_range: bool = False) -> Any:
-    """As `as_annotated`, but what is wrong goes to `faults`; has_range: whether its range is checked by others."""
+    """As `as_annotated`, but adds its faults to `faults`; has_range: whether another mark checks the range."""
     origin, of = get_origin(hint), get_args(hint)
     if origin is Annotated:
         n_faults = len(faults)
@@ -271,7 +271,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _kinds(origin: Any, of: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The annotations of a tuple's entries, of which a list has one for all."""
+    """The annotations of a tuple's entries; a list has one annotation for all."""
     return of if origin is tuple else (*of, ...)
 
 
@@ -285,7 +285,7 @@ def _entries(value: Any, kinds: tuple[Any, ...]) -> list[tuple[Any, Any]] | None
 
 
 def _in_words(hint: Any) -> str:
-    """What values an annotation allows."""
+    """The values that an annotation allows, in words."""
     origin, of = get_origin(hint), get_args(hint)
     if origin in _UNIONS:  # of which a path takes text too
         return " or ".join(_in_words(one) for one in of if one is not str or Path not in of)
@@ -331,8 +331,8 @@ class Reading:
 
 @dataclass(frozen=True)
 class ByShape:
-    """Annotates a union of a value, a mapping and lists: what is given is read as the member of its shape, whose faults
-    are then the only ones.
+    """Annotation of a union of a value, a mapping and lists: input is read as the member with its shape, and only that
+    member's faults are reported.
     """
 
     def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:

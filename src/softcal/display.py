@@ -1,4 +1,4 @@
-"""How softcal's objects are shown: a short text, and a small table and pictures in a notebook.
+"""Display of softcal's objects: a short text, and a small table and pictures in a notebook.
 
 `displayed` gives a class both, by its fields; a class that says more of itself defines `_repr_html_` or `__repr__`.
 Pictures and plots are asked for here, and the layers above draw them.

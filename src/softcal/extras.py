@@ -1,4 +1,4 @@
-"""What `pip install softcal` leaves out: packages that only some of its work needs, each an extra of softcal's."""
+"""Packages that `pip install softcal` leaves out since only some work needs them, each an extra of softcal's."""
 
 from __future__ import annotations
 

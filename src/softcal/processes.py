@@ -84,7 +84,7 @@ def run(
     folder
         Where it runs; None for the present one.
     environment
-        As in `exit_code`.
+        See `exit_code`.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def run(
 
 
 def run_module(module: str, *arguments: str, timeout: float, told: str = "") -> subprocess.CompletedProcess[str]:
-    """As `run`, of a module of softcal as `python -m`.
+    """See `run`; runs a module of softcal as by `python -m`.
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ def run_module(module: str, *arguments: str, timeout: float, told: str = "") -> 
     arguments
         Its arguments.
     timeout, told
-        As in `run`.
+        See `run`.
 
     Raises
     ------
     OSError, TimeoutExpired
-        As `run`.
+        See `run`.
     """
     return run(_command(module, arguments), timeout=timeout, told=told, environment=_environment())
 

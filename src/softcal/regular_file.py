@@ -31,7 +31,7 @@ OTHER_KINDS = {
 
 
 def not_a_file(path: Path) -> str:
-    """What is at a path in the place of a file to be read; nothing where it is a file."""
+    """Why a path is no regular file, in words such as "a folder"; "" where it is one."""
     try:
         found = path.stat()
         kind = stat.S_IFMT(found.st_mode)
@@ -56,7 +56,7 @@ def own_file(path: str, flags: int) -> int:
     Raises
     ------
     OSError
-        Where it is none, or cannot be opened.
+        Where the path is a link or no regular file, or cannot be opened.
     """
     if os.path.islink(path):
         raise OSError(errno.ELOOP, "a link to another file", path)
@@ -84,7 +84,7 @@ def read_own(path: Path, most: int) -> bytes:
 
 
 def is_inside(path: Path, folder: Path) -> bool:
-    """Whether a path is in a folder, and no link leads out of it."""
+    """Whether a path is in a folder, with no link on it that leads out of the folder."""
     try:
         return path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError):  # a loop of links

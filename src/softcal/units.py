@@ -232,7 +232,7 @@ def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
 
 
 AS_WRITTEN = 10
-"""Significant digits that show a number as written, without floating-point rounding."""
+"""Significant digits with which a number is shown as it was written, without floating-point rounding."""
 _PLAIN = 999_999.5
 _MOST_DECIMALS = 8
 
@@ -293,12 +293,12 @@ def sensor_factor(unit: str, constant: str, si_unit: str, *, where: str = "") ->
     Parameters
     ----------
     unit
-        Of its numbers, such as "counts", "A" or "mV".
+        Unit of its numbers, such as "counts", "A" or "mV".
     constant
         The sensor's constant: what it writes for one of the quantity, or the reverse, such as "4096 counts/turn",
         "1.2 N*m/A" or "-2 mV/N".
     si_unit
-        Of the quantity.
+        SI unit of the quantity.
     where
         Where the unit is stated, for errors.
 
@@ -313,7 +313,7 @@ def sensor_factor(unit: str, constant: str, si_unit: str, *, where: str = "") ->
         with contextlib.suppress(UnitError, ZeroDivisionError):
             return float(parse_quantity(constant, way) ** power)
     got, allowed = f"'{constant}' for a column in '{unit}'", f"a number in {si_unit} per {unit}, or the reverse"
-    raise UnitError(Fault("the constant does not lead from the column's unit to its channel's", where, got, allowed))
+    raise UnitError(Fault("the constant does not convert the column's unit to its channel's", where, got, allowed))
 
 
 def _as_float(value: float) -> float:
@@ -373,7 +373,7 @@ def plain(number: float, digits: int = 4) -> str:
 
 
 def rounded(value: float, uncertainty: float | None, least: int = 0) -> str:
-    """A number to the second significant digit of its uncertainty; to three digits where that is not known.
+    """A number to the second significant digit of its uncertainty; to three digits without an uncertainty.
 
     Parameters
     ----------

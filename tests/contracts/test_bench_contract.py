@@ -130,25 +130,28 @@ FAULTS = {
     "column": ({r"M2.y \[m\]": "M9.y [m]"}, "the case has no such channel; got 'M9.y"),
     "unit": ({r"M2.y \[m\]": "M2.y [N]"}, "the unit of the column is missing or wrong; got 'M2.y"),
     "no unit": ({r"M2.y \[m\]": "M2.y"}, "the unit of the column is missing or wrong"),
-    "number": ({r"^(m1_u005,)[^,]*": r"\1what"}, "1 value(s) of M1.x are no such number; got m1_u005: 'what'"),
-    "huge": ({r"^(m1_u005,)[^,]*": r"\g<1>1e308"}, "1 value(s) of M1.x are no such number; got m1_u005: '1e308'"),
+    "number": ({r"^(m1_u005,)[^,]*": r"\1what"}, "1 value(s) of M1.x are no allowed number; got m1_u005: 'what'"),
+    "huge": ({r"^(m1_u005,)[^,]*": r"\g<1>1e308"}, "1 value(s) of M1.x are no allowed number; got m1_u005: '1e308'"),
     "a long cell": ({r"^(m1_u005,)[^,]*": rf"\1{'x' * 300_000}"}, "mine.csv: the table cannot be cut into cells"),
     "a long word": ({r"^(m1_u005,)[^,]*": rf"\1{'x' * 3000}"}, f"got m1_u005: '{'x' * 40}'; allowed"),
-    "evaluations": ({r"\A": f"# evaluations: {'9' * 5000}\n"}, "the number of evaluations is no count"),
+    "evaluations": ({r"\A": f"# evaluations: {'9' * 5000}\n"}, "the number of evaluations is no whole number"),
     "method": (
         {r"^# method: .*": f"# method: {'x' * 5000}"},
         "the name of the method is too long; got 5000 characters",
     ),
-    "underscore": ({r"^(m1_u005,)[^,]*": r"\g<1>2_2"}, "1 value(s) of M1.x are no such number; got m1_u005: '2_2'"),
-    "another script": ({r"^(m1_u005,)[^,]*": r"\g<1>２"}, "1 value(s) of M1.x are no such number; got m1_u005: '２'"),
-    "not a number": ({r"^(m1_u005,)[^,]*": r"\1nan"}, "1 value(s) of M1.x are no such number"),
+    "underscore": ({r"^(m1_u005,)[^,]*": r"\g<1>2_2"}, "1 value(s) of M1.x are no allowed number; got m1_u005: '2_2'"),
+    "another script": (
+        {r"^(m1_u005,)[^,]*": r"\g<1>２"},
+        "1 value(s) of M1.x are no allowed number; got m1_u005: '２'",
+    ),
+    "not a number": ({r"^(m1_u005,)[^,]*": r"\1nan"}, "1 value(s) of M1.x are no allowed number"),
     "decimal commas": ({r"^(m1_u005,[^,]*)[.]": r"\1,"}, "1 row(s) have more or fewer cells; got m1_u005"),
     "a cell too few": ({r"^(m1_u005,.*),.*$": r"\1"}, "1 row(s) have more or fewer cells; got m1_u005"),
     "unknown sample": ({r"^m1_u005,": "m1_u006,"}, "the case has no such sample (1); got m1_u006"),
     "many rows": ({r"^(m1_u005,.*\n)": r"\1" * 200}, "mine.csv: the table has too many rows; got 129; allowed: 128"),
     "many comments": ({r"\A": "# a: 1\n" * 200}, "mine.csv: the table has too many comments; got 129; allowed: 128"),
     "a wide row": ({r"^(m1_u005,.*\n)": rf"\1{',' * 200}\n"}, "mine.csv: the table has too many columns; got 201"),
-    "twice": ({r"^(m1_u005,.*\n)": r"\1\1"}, "1 sample(s) are there more than once"),
+    "twice": ({r"^(m1_u005,.*\n)": r"\1\1"}, "1 sample(s) occur more than once"),
 }
 
 
@@ -304,7 +307,7 @@ def test_all_faults_of_a_file_of_shapes_are_told_at_once_and_blank_lines_are_non
     path.write_text("\n".join([*wrong, *lines[16:]]))
     with pytest.raises(DatasetError) as told:
         case.record(path)
-    for part in ("line 4", "'nan'", "shape s002 has not its 6 lines", "17 cells"):
+    for part in ("line 4", "'nan'", "shape s002 needs 6 lines", "17 cells"):
         assert part in str(told.value)
     path.write_text("\n".join([*lines[:2], *(lines[2 + 6 * shape + line] for line in range(6) for shape in range(3))]))
     with pytest.raises(DatasetError, match="the lines of the shapes are not in order; got EulX of s001, EulX of s002"):
@@ -362,7 +365,7 @@ def test_a_run_keeps_its_fit_and_is_resumed_after_a_stop(tmp_path: Path) -> None
     assert sorted(path.name for path in resumed.folder.iterdir()) == names
     assert resumed.score.splits == whole.score.splits
     assert load_run(tmp_path / "out" / "fit").results
-    for folder, why in ((tmp_path / "out", "run to its end"), (tmp_path / "none", "no fit to resume")):
+    for folder, why in ((tmp_path / "out", "the folder has a finished run"), (tmp_path / "none", "no fit to resume")):
         with pytest.raises(StorageError, match=why):
             run_case("beam", folder, resume=True)
 

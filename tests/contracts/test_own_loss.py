@@ -133,7 +133,7 @@ def test_what_is_no_loss_is_refused(relative: ModuleType) -> None:
     with pytest.raises(ParameterError) as error:
         register_loss(Other)
     assert "another loss or method has an option of this name" in str(error.value)
-    assert "the calibration has something else of this name; got seed" in str(error.value)
+    assert "the name is taken by another setting of the calibration; got seed" in str(error.value)
     with pytest.raises(ParameterError, match="'block_value' must be there"):
         register_loss(type("Half", (Loss,), {"name": "half"}))
     with pytest.raises(ParameterError, match="this is not a loss; got 3"):

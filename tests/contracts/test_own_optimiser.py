@@ -156,7 +156,7 @@ def test_an_option_that_a_loss_has_is_refused() -> None:
     with pytest.raises(ParameterError) as error:
         register_optimiser(type("Other", (OPTIMISERS["grid"],), {"name": "other", "options": taken}))
     assert "another loss or method has an option of this name" in str(error.value)
-    assert "the calibration has something else of this name; got trials" in str(error.value)
+    assert "the name is taken by another setting of the calibration; got trials" in str(error.value)
 
 
 def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

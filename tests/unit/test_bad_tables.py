@@ -128,7 +128,7 @@ def test_what_can_be_read_is_read_right(case: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("delimiter", ["", ";;", "ab", "a", "."])
 def test_a_delimiter_is_one_character(delimiter: str) -> None:
-    with pytest.raises(InputError, match="delimiter: this cannot separate columns"):
+    with pytest.raises(InputError, match="delimiter: this character cannot separate columns"):
         TableFormat(delimiter=delimiter)
 
 

@@ -174,7 +174,7 @@ def test_a_cable_made_in_python_is_checked_too() -> None:
 
 def test_an_unstretched_length_beyond_the_cable_is_refused(tmp_path: Path) -> None:
     found = told(tmp_path, line("line: {stiffness: 1 kN, rest_length: 101 mm}"))
-    assert "the unstretched cable is longer than its way" in found
+    assert "the unstretched cable is longer than its path" in found
     assert "got 101 mm" in found
 
 

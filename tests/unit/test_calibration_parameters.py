@@ -71,7 +71,7 @@ def test_every_fault_is_told_at_once() -> None:
     assert len(caught.value.faults) == 3
     assert "Try: 'neck.youngs_modulus'" in text
     assert "0.4999 instead of 0.5" in text
-    assert "plate.mass: the unit is not the parameter's; got g; allowed: kg" in text
+    assert "plate.mass: the parameter has another unit; got g; allowed: kg" in text
 
 
 @pytest.mark.parametrize(

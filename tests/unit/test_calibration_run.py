@@ -349,7 +349,7 @@ def test_the_curves_of_a_result_cannot_be_changed() -> None:
 
 
 def test_to_resume_there_must_be_a_folder_with_a_run(tmp_path: Path) -> None:
-    with pytest.raises(StorageError, match="without its folder"):
+    with pytest.raises(StorageError, match="a run is resumed from its folder, which is missing"):
         calibrate(problem_of(), resume=True)
     with pytest.raises(StorageError, match="no run to resume"):
         calibrate(problem_of(), store=tmp_path, resume=True)

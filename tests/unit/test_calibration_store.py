@@ -466,6 +466,6 @@ def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_do(tmp_path: Pa
         for _ in range(40):
             one.write(bytes(2**23))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(StorageError, match="they unpack to more than 268435456 bytes"):
+    with pytest.raises(StorageError, match="the unpacked arrays have more than 268435456 bytes"):
         decode(buffer.getvalue(), tmp_path / "0.npz", "trial 0")
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000

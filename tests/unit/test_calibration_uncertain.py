@@ -129,7 +129,7 @@ def test_a_standard_deviation_of_zero_is_refused() -> None:
     ("wrong", "told"),
     [
         (UncertainParameter("front.gain", "1", SD), "there is no such parameter"),
-        (UncertainParameter(GAIN, "N", SD), "the unit is not the parameter's"),
+        (UncertainParameter(GAIN, "N", SD), "the parameter has another unit"),
         (UncertainParameter(E, "Pa", 1e5), "uncertain and free at once"),
         (UncertainParameter("noise", "1", SD, of=(GAIN,)), "the name is that of a source of error"),
     ],

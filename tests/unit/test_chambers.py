@@ -111,7 +111,7 @@ def test_a_wall_is_a_surface_of_one_chamber_alone():
         return str(error.value)
 
     assert "the wall has no face" in refused(wall[:0])
-    assert "12 of 24 faces are there twice" in refused(np.concatenate([wall, wall]))
+    assert "12 of 24 faces are duplicated" in refused(np.concatenate([wall, wall]))
     assert "1 of 13 faces are inside the body" in refused(np.concatenate([wall, inner[:1]]))
     assert "12 of 12 faces are of a0.walls.box, too" in refused(wall, wall)
 

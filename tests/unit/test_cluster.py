@@ -150,7 +150,7 @@ def test_workers_with_another_softcal_are_refused(tmp_path: Path) -> None:
         text = str(told.value)
         assert "has another version than this process" in text
         assert "softcal's code" in text
-        assert "the same softcal must be on all machines" in text
+        assert "all machines must have the same code of softcal" in text
 
 
 @pytest.mark.long

@@ -147,7 +147,7 @@ ROWS = {"time [s]": TIMES, "amount_of_shear": STRAIN, "shear_stress [kPa]": 100.
         ({**ROWS, "time [mm]": TIMES} | {"time [s]": TIMES}, "", "2 columns have the name 'time'"),
         ({**ROWS, "amount_of_shear": 0.0 * STRAIN}, "", "the coupon is never strained"),
         (ROWS, "--history maxwel-2", "there is no such part of a history"),
-        (ROWS, "--history maxwell-1 --history maxwell-2", "a history has one such part"),
+        (ROWS, "--history maxwell-1 --history maxwell-2", "a history can have only one part of this kind"),
     ],
 )
 def test_bad_input_is_refused(tmp_path: Path, columns: dict[str, np.ndarray], options: str, said: str):

@@ -167,7 +167,7 @@ def test_a_pose_is_reached(tmp_path: Path, control: str) -> None:
             f"{SERVO}\n    other: {{actuator: drive, cables: {{left: 1}}, radius: 1 mm}}",
             "two actuators drive one",
         ),
-        ("4096 counts/turn", "4096 counts/mm", "the constant does not lead from the column's unit to its channel's"),
+        ("4096 counts/turn", "4096 counts/mm", "the constant does not convert the column's unit to its channel's"),
         ("4096 counts/turn", "4096 cats/turn", "a plain number, %, or the constant of a sensor"),
         ("unit: counts, ", "", "the unit is missing.*Try: unit: counts"),
         ("drive: [servo.angle]", "drive: [left.tension]", "this cable has no command of its own; got servo drives it"),

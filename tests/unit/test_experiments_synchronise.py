@@ -131,7 +131,7 @@ def test_refuses_another_test_and_a_lag_at_the_edge() -> None:
     still = imu(0.0).with_channels(Step("test"), pitch=np.zeros(imu(0.0).n_samples))
     with pytest.raises(DatasetError, match="a constant signal"):
         synchronise(utm(), still)
-    with pytest.raises(DatasetError, match="both records hold the same channel; got shortening"):
+    with pytest.raises(DatasetError, match="both records have the same channel; got shortening"):
         synchronise(utm(), utm(), CommonMotion(signal="shortening"))
 
 

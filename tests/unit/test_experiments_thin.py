@@ -53,5 +53,7 @@ def test_turning_points_and_both_ends_of_a_hold_are_kept() -> None:
 
 
 def test_nonsense_is_refused() -> None:
-    with pytest.raises(DatasetError, match=r"pull: samples cannot be thinned by this; got 0 mm; allowed: above 0 m"):
+    with pytest.raises(
+        DatasetError, match=r"pull: samples cannot be thinned by this step; got 0 mm; allowed: above 0 m"
+    ):
         thin(record(), 0.0)

@@ -456,7 +456,7 @@ def test_a_reach_in_length_ends_there() -> None:
         ({"front": Span(0.0, 0.0, "N")}, None, "the range of an input must not be empty"),
         ({"front": Span(-1.0, 2.0, "N")}, None, "tension"),
         ({"front": Span(0.0, float("nan"), "N")}, None, "must not be empty"),
-        ({"plate.mass": Span(0.1, 0.2, "kg")}, None, "the range must have the robot's own value"),
+        ({"plate.mass": Span(0.1, 0.2, "kg")}, None, "the range must contain the robot's own value"),
         ({"plate.mass": Span(-0.1, 0.2, "kg")}, None, "the mass is out of range"),
         ({"front": Span(0.0, 1.0, "N")}, 3, "there are too few samples"),
         ({"front": Span(0.0, 1.0, "Pa")}, None, "this is no range of the actuator"),
@@ -546,7 +546,7 @@ def test_the_command_writes_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("reach", "why"),
     [
-        ("front=8N,10mm", "the ranges are not those of inputs"),
+        ("front=8N,10mm", "a range has no name of an input"),
         ("frnt=8N", "no such cable or parameter"),
         ("front=5px", "front"),
         ("bar.youngs_modulus=2MPa", "the range of a parameter has two ends"),

@@ -123,7 +123,7 @@ def test_a_parameter_that_few_determine_gets_no_statement() -> None:
     two = [Specimen(f"far{k}", "DONE", {}, {"x": free}, 1.0) for k in range(2)]
     found = stated([*specimens[:8], *two])
     assert not found.populations
-    assert "nothing is said of the specimens together: 2 of 10 specimens do not determine it" in text(
+    assert "no statement on the population of the specimens: 2 of 10 specimens do not determine it" in text(
         [*specimens[:8], *two]
     )
 
@@ -250,7 +250,10 @@ def test_of_a_modulus_that_specimens_do_not_determine_it_is_not_said_that_there_
         for k, s in enumerate(specimens)
     ]
     said = text(at_bound, ["infill"])
-    assert "x: nothing is said of the specimens together: 3 of 12 specimens do not determine it (at a bound)." in said
+    assert (
+        "x: no statement on the population of the specimens: 3 of 12 specimens do not determine it (at a bound)."
+        in said
+    )
     assert "against the infill cannot be fitted" not in said
     linear = [replace(s, parameters={"x": replace(s.parameters["x"], scale="linear")}) for s in specimens]
     none = "The law of E against the infill cannot be fitted: no modulus is searched by its logarithm."

@@ -483,12 +483,20 @@ def flagged(**data):
         ("other.inp", INP + "*INCLUDE, INPUT=/dev/zero\n", r"got \*INCLUDE in line 13, which is not followed: list"),
         ("twice.inp", INP.replace("4, 0., 0.", "3, 0., 0."), "got number 3 of two nodes"),
         ("lists.inp", INP + INP, "got number 1 of two nodes"),
-        ("set.inp", INP.replace("upper\n2", "upper\nx"), r"got 'x' under \*ELSET in line 11: a set that is above it"),
-        ("nodes.inp", INP.replace("held\n1", "held\n1, x"), r"got 'x' under \*NSET in line 9: a set that is above it"),
+        (
+            "set.inp",
+            INP.replace("upper\n2", "upper\nx"),
+            r"got 'x' under \*ELSET in line 11: only a number or a set above it",
+        ),
+        (
+            "nodes.inp",
+            INP.replace("held\n1", "held\n1, x"),
+            r"got 'x' under \*NSET in line 9: only a number or a set above it",
+        ),
         (
             "half.inp",
             INP.replace("held\n1", "held\n1.0, 2"),
-            r"got '1\.0' under \*NSET in line 9: a set that is above it",
+            r"got '1\.0' under \*NSET in line 9: only a number or a set above it",
         ),
         (
             "minus.inp",

@@ -105,8 +105,8 @@ def test_what_cannot_be_studied_is_refused_in_a_sentence(
     for arguments, said in (
         ((calibrated, "--by", "magic"), "this is no method for intervals"),
         ((calibrated, "--by", "jackknife", "--over", "bolts"), "this is no kind of group"),
-        ((calibrated, "--by", "jackknife", "--over", "experiments"), "too few experiments to tell their scatter"),
-        ((calibrated, "--by", "bootstrap", "--over", "cycles"), "too few cycles to tell their scatter"),
+        ((calibrated, "--by", "jackknife", "--over", "experiments"), "too few experiments to estimate their scatter"),
+        ((calibrated, "--by", "bootstrap", "--over", "cycles"), "too few cycles to estimate their scatter"),
         ((calibrated, "--by", "bootstrap", "--samples", "3"), "there are too few"),
         ((calibrated, "--over", "markers"), "'profile' takes no groups"),
         ((calibrated, "--calibration", "other"), "the run has no such calibration"),

@@ -294,7 +294,7 @@ def test_all_that_is_wrong_with_the_images_is_told_at_once(capsys: pytest.Captur
         (["--names", "1=S 1"], "the name is no valid column header"),
         (["--names", "9=S9"], "--names: none of the named markers is in the images; got S9 (marker 9)"),
         (["--sizes", "1=3kg"], "--sizes, marker 1: the unit does not fit"),
-        (["--group-by", "moon"], "images cannot be grouped so; got 'moon'"),
+        (["--group-by", "moon"], "unknown grouping of the images; got 'moon'"),
         (["--viewpoints", "two"], "unknown choice of viewpoints"),
         (["--camera", "nowhere.yaml"], "nowhere.yaml: the camera file cannot be read"),
     ],

@@ -30,7 +30,7 @@ def test_elements_within_one_frame_are_left_out():
         ([0, 1, 2, 3], 5, "rod: the frames of a rod's nodes do not fit"),
         ([0, 1, 2, 3, 5], 5, "from 0 to 5.*from 0 to 4"),
         ([0, 1, 2, 3, -1], 5, "do not fit"),
-        ([1, 1, 1, 1, 1], 5, "rides on one frame"),
+        ([1, 1, 1, 1, 1], 5, "are attached to one frame"),
     ],
 )
 def test_frames_that_do_not_fit_are_refused(frames, n_frames, message):

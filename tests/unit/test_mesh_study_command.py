@@ -110,7 +110,7 @@ def test_the_table_fits_eighty_columns(
     for expected in ("original", "P2P1 h/2", "tension", "pitch", "bar.youngs_modulus", "s.e.)", "front.slack[pull]"):
         assert expected in told, expected
     assert "This error exceeds the noise: use P2P1 elements or a finer mesh" in told
-    assert "Into the report" not in told
+    assert "Add it to the report" not in told
     assert (tmp_path / "study" / "mesh-study.json").is_file()
 
 

@@ -63,7 +63,7 @@ def test_the_candidates_are_ranked_and_what_cannot_be_done_is_a_sentence(
     assert code == 0
     for name in ("pull again", "pull 1.5 times as far", "pull by tension", "pull with a 5 times better", "weighed"):
         assert name in told, name
-    assert "Not possible, beyond:" in told
+    assert "Not possible: beyond, " in told
     assert "the cable is pulled in by more than its length" in told
     assert "There is one experiment: by how much tests of this robot differ is not known" in told
     assert "The 95 % interval of bar.youngs_modulus is" in told

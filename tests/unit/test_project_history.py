@@ -47,7 +47,10 @@ def test_its_constants_are_parameters_and_its_times_those_of_the_record(tmp_path
     ("change", "told"),
     [
         (("[relaxation-1,", "[relaxing,"), r"no such part of a history; got 'relaxing'.*Try: 'relaxation-"),
-        (("[relaxation-1, softening]", "[relaxation-1, relaxation-2, softening]"), r"a history has one such part"),
+        (
+            ("[relaxation-1, softening]", "[relaxation-1, relaxation-2, softening]"),
+            r"a history can have only one part of this kind",
+        ),
         (("      relaxing_share1: 0.3\n", ""), r"bar\.relaxing_share1: .*missing"),
         (("relaxing_share1: 0.3", "relaxing_share1: 1.2"), r"bar\.relaxing_share1: the relaxing share is out of range"),
         (("relaxation_time1: 2 s", "relaxation_time1: 2 mm"), r"bar\.relaxation_time1: the unit does not fit"),

@@ -109,7 +109,10 @@ FAULTS = {
     "a rate in another unit": (["--to", "plate.x=3mm", "--rate", "tension=1N"], "the unit does not fit"),
     "a tolerance of zero": (["--to", "plate.x=3mm", "--tolerance", "x=0"], "this must be positive"),
     "another preference": (["--to", "plate.x=3mm", "--prefer", "beauty"], "this is of the wrong kind; got 'beauty'"),
-    "another control": (["--to", "plate.x=3mm", "--by", "force"], "no actuator is commanded by this; got 'force'"),
+    "another control": (
+        ["--to", "plate.x=3mm", "--by", "force"],
+        "no actuator is commanded by this quantity; got 'force'",
+    ),
     "an unknown cable": (["--to", "plate.x=3mm", "--by", "back=tension"], "back"),
     "an unknown stiffness": (["--to", "plate.q_stiffness=3N/m"], "the robot has no such channel.*plate.x_stiffness"),
     "a stiffness in another unit": (["--to", "plate.x_stiffness=3N"], "the unit does not fit; got 'N'"),
@@ -258,7 +261,7 @@ def test_python_refuses_what_the_command_line_does(project: Path) -> None:
         ({"plate.x": [0.0, 0.001]}, {"times": [1.0]}, "1 times"),
         ({"plate.x": 0.001}, {"weights": {"x": -1.0}}, "this must be positive"),
         ({"plate.x": 0.001}, {"limits": {"front.tension": (0.0, float("nan"))}}, "not a number|limits"),
-        ({"plate.x": 0.001}, {"out": "somewhere"}, "name no project"),
+        ({"plate.x": 0.001}, {"out": "somewhere"}, "a folder needs a project, not a robot alone"),
         ({"plate.x": 0.001}, {"controls": {"nothing": "tension"}}, "nothing"),
     ):
         with pytest.raises(softcal.InputError, match=told):

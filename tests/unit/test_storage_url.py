@@ -36,7 +36,7 @@ from softcal.errors import StorageError
         ("postgresql+pg8000://u:s3@cret@h:port/d", r"postgresql\+pg8000://…"),
         ("postgresql+pg8000://u:s3cret", r"postgresql\+pg8000://…"),
         *(
-            (f"{url}@h/d?{option}", "has an option that it may not have; got .*; allowed: application_name, charset")
+            (f"{url}@h/d?{option}", "has an option that is not allowed; got .*; allowed: application_name, charset")
             for url, option in (
                 ("mysql+pymysql://u:s3cret", "read_default_file=/etc/s3cret"),
                 ("mysql+pymysql://u:s3cret", "charset=utf8&local_infile=1"),

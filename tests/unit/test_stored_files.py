@@ -432,7 +432,7 @@ def test_a_run_names_no_place_outside_its_folder(key: str, place: str, run: Path
     record = json.loads((run / "run.json").read_text())
     record[key] = {"bar.msh": place} if key == "copies" else [place]
     (run / "run.json").write_text(json.dumps(record))
-    with pytest.raises(StorageError, match="a place in the run's folder"):
+    with pytest.raises(StorageError, match="a path within the run's folder"):
         load_run(run)
 
 
@@ -454,7 +454,7 @@ def test_units_of_a_result_are_those_of_its_project(unit: str, run: Path) -> Non
     [
         ('"scale": "log"', '"scale": "linear"', r"other bounds than in the project; got .*, linear; allowed: .*, log"),
         ('"upper": 40000000.0', '"upper": 50000000.0', r"other bounds than in the project; got 100000 to 5e\+07 Pa"),
-        ('"loss_name": "papers"', '"loss_name": "likelihood"', "the loss is not that of the run; got likelihood"),
+        ('"loss_name": "papers"', '"loss_name": "likelihood"', "the loss differs from that of the run; got likelihood"),
     ],
 )
 def test_bounds_and_loss_of_a_result_are_those_of_its_project(before: str, after: str, message: str, run: Path) -> None:

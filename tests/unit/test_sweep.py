@@ -318,7 +318,7 @@ def test_a_folder_that_holds_something_is_left_alone(project: Project, tmp_path:
         ({"over": {NU: "0.5:0.05:0.05"}}, "the nearest being 0.4999"),
         ({"over": {E: "1GPa,2GPa", "spring1.youngs_modulus": "1GPa,2GPa"}}, "swept twice"),
         ({"experiments": ["cable3"]}, r"there is no such experiment; got 'cable3'; allowed: cable1, cable2"),
-        ({"resume": True}, "no sweep to resume without its folder"),
+        ({"resume": True}, "a sweep is resumed from its folder, which is missing"),
     ],
 )
 def test_bad_input_is_refused_before_anything_runs(

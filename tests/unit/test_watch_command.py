@@ -159,7 +159,7 @@ def test_every_run_has_a_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     CalibrationRun(tmp_path / "b", *[None] * 5, {}).watch()  # type: ignore[arg-type]
     Swept(None, None, (), folder=tmp_path / "c").watch()  # type: ignore[arg-type]
     assert [path.name for path in asked] == ["a", "b", "c"]
-    with pytest.raises(softcal.StorageError, match="there is no folder to show"):
+    with pytest.raises(softcal.StorageError, match="there is no run folder to show"):
         Calibrations({}, folder=None).watch()
 
 

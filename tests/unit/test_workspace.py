@@ -91,7 +91,7 @@ def test_a_run_shows_it_in_its_report_while_it_is_at_its_values(
     assert "there are more channels than commands; got 2 channels and 1 command" in told
     code, told, _ = run(capsys, "workspace", folder, "--of", "plate.pitch", "--limit", "tension=0N..5N")
     assert code == 0
-    assert f"Into the report with: softcal report {folder}" in told
+    assert f"Add it to the report with: softcal report {folder}" in told
     stored = WORKSPACE.read(folder / "workspace")
     assert stored is not None
     estimates = softcal.load_run(folder).headline.parameters
@@ -120,7 +120,7 @@ FAULTS = {
         "the limits contradict each other",
     ),
     "too few states": (["--of", "plate.x", "--states", "0"], "states"),
-    "no picture": (["--of", "plate.x", "--picture", "a.pdf"], "this is no file of a picture"),
+    "no picture": (["--of", "plate.x", "--picture", "a.pdf"], "this is no image file"),
     "an unknown limit": (["--of", "plate.x", "--limit", "tensions=1N..2N"], "the robot has no such channel"),
 }
 

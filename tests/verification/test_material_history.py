@@ -287,7 +287,7 @@ def test_a_hold_without_an_equilibrium_is_a_failed_sample(monkeypatch: pytest.Mo
     monkeypatch.setattr(Statics, "equilibrium", stalled)
     response = simulate(robot, hold)
     assert not response.succeeded
-    assert "no equilibrium a time later under the same commands: it stalled." in response.status
+    assert "no equilibrium after further time under the same commands: it stalled." in response.status
 
 
 WAY = 1e-3 * np.array([0.0, 4.0, 8.0, 8.0, 3.0, 0.5, 5.0, 9.0])

@@ -291,5 +291,5 @@ def test_what_is_wrong_is_said() -> None:
         replace(arm(("flow",)).rods[0], history=("flows",))
     with pytest.raises(InputError, match=r"arm\.history: the sections of a rod have no such.*'maxwell-1'.*softening"):
         replace(arm(("flow",)).rods[0], history=("maxwell-1",))
-    with pytest.raises(InputError, match=r"a history has one such part.*2 of flow"):
+    with pytest.raises(InputError, match=r"a history can have only one part of this kind.*2 of flow"):
         replace(arm(("flow",)).rods[0], history=("flow", "flow-at-once"))

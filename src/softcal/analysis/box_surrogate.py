@@ -65,7 +65,7 @@ class BoxSurrogate:
         return {LOSS: self._loss(held), **{kind: held[kind] for kind in self.kinds}}
 
     def turned_outputs(self, z: Floats) -> dict[str, Floats]:
-        """The outputs, with the residuals projected on fewer values that have the same variance by any parameters."""
+        """The outputs, with the residuals projected onto fewer values; the variance by any parameters is unchanged."""
         n = len(z)
         losses = [self._loss(self._predicted(z[i : i + _CHUNK])) for i in range(0, n, _CHUNK)]
         held = self._predicted(z, turned=True)
@@ -210,7 +210,7 @@ def checked_box(
     simulations
         Evaluations of the twin, at most.
     seed
-        Of the points.
+        Seed of the points.
     workers
         An executor, or a number of processes that simulate.
     progress

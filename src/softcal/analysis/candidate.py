@@ -30,7 +30,7 @@ class Candidate(Checked):
     Attributes
     ----------
     name
-        Of the test.
+        Name of the test.
     like
         The calibration's experiment that it is like in all that follows, and in its rig.
     actuator
@@ -200,7 +200,7 @@ def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Flo
     else:
         raise InputError(
             Fault(
-                f"how far the {kind.name} goes is not known",
+                f"the range of the {kind.name} is unknown",
                 candidate.name,
                 allowed=f"such as {kind.name}: 20 {kind.unit}",
             )

@@ -52,10 +52,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class Simulated:
-    """Experiment or candidate -> its blocks; candidate -> why it has none, a sentence; number of trajectories.
+    """Experiment or candidate -> its blocks; candidate -> sentence on why it has no blocks; number of trajectories.
 
-    uncertain: the parameters of the blocks' `systematic`, with the error of the mesh where that is known. note: what is
-    assumed of it, a sentence, or "".
+    uncertain: the parameters of the blocks' `systematic`, with the error of the mesh where it is known. note: sentence
+    on the assumption about that error, or "".
     """
 
     rows: Mapping[str, Sequence[Row]]
@@ -86,7 +86,7 @@ def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) 
     if candidate.name in names:
         raise InputError(Fault("an experiment has the name of the candidate", candidate.name))
     if candidate.like not in names:
-        raise InputError(unknown("there is no such experiment to be like", candidate.name, candidate.like, names))
+        raise InputError(unknown("there is no experiment of this name", candidate.name, candidate.like, names))
     like = problem.experiments[names.index(candidate.like)]
     test = as_experiment(candidate, like)
     own = own_parameters(candidate, like, problem.space.parameters)

@@ -24,9 +24,9 @@ HANGING = 0.1  # of the largest tension
 def default_candidates(problem: Problem) -> list[Candidate]:
     """Tests that the problem's bench could make next.
 
-    For the furthest test of each actuator: again, further, less far. For the furthest of all: by the actuator's other
-    control; with an additional sensor of the kinds that the robot's parts have; with a sensor five times better; with
-    heavier loads. And actuators that were not driven, as far as the furthest of their kind.
+    The furthest test of each actuator is repeated, and driven further and less far. The furthest test of all is varied:
+    by the actuator's other control, with an additional sensor of a kind that the robot's parts have, with a sensor five
+    times better, or with heavier loads. Actuators without a test are driven as far as the furthest of their kind.
     """
     references = _references(problem.experiments)
     found: list[Candidate] = []

@@ -122,7 +122,7 @@ def importance_study(
     problem
         The problem.
     seed
-        Of the points; the same seed gives the same indices.
+        Seed of the points; the same seed gives the same indices.
     simulations
         Evaluations of the twin, at most.
     workers

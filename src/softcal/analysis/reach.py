@@ -242,7 +242,7 @@ class ReachTask:
     tolerances
         Below which an error counts as none (n_channels,).
     weights
-        Of the errors, in units of their tolerances (n_channels,).
+        Weights of the errors, in units of their tolerances (n_channels,).
     lower, upper
         Limits (n_channels,), infinite where there is none.
     rates
@@ -282,7 +282,7 @@ def reach_targets(
     wanted
         Channel -> value [SI], by target.
     times
-        Of the targets [s]; None: each is held for long.
+        Times of the targets [s]; None: each is held for long.
 
     Raises
     ------
@@ -346,7 +346,7 @@ class _Point:
 
     @cached_property
     def channels(self) -> dict[str, float]:
-        """The channels, with the stiffnesses."""
+        """Channel -> its value, and the same of the stiffnesses."""
         return {**self.state.channels, **self.state.stiffnesses(*self.task.stiffnesses)}
 
     @cached_property
@@ -606,7 +606,7 @@ class _Search:
         return bool(np.abs(self.errors(point)).max(initial=0.0) <= share and self.violation(point) <= KEPT)
 
     def violation(self, point: _Point) -> float:
-        """The sum of what is beyond limits, in tolerances."""
+        """The sum of the excesses beyond limits, in tolerances."""
         y, t = point.values, self.task.tolerances
         over = y - self.upper
         behind = point.released & self.by_coordinate
@@ -721,8 +721,8 @@ class _Search:
         return self.moved(there, at, np.clip(correction, -size, size))
 
     def checked(self, end: _Point, passed: str) -> ReachStep:
-        """The commands of the end, given to the twin once more from the state before, and what they reach; passed: the
-        obstacle on their way, see there.
+        """The step of the final commands, solved once more from the previous state; passed: the sentence of `passed` on
+        an obstacle between the two.
         """
         live, at = self.live, self.linear(end)
         values = np.clip(end.values[self.command], self.lower[self.command], self.upper[self.command])
@@ -789,8 +789,8 @@ class _Search:
         return self.live.at(self.between(self.before, commands, share), self.elapsed * share)
 
     def passed(self, end: _Point) -> tuple[float, str]:
-        """Where on the straight line of commands from the last ones the robot is deepest in an obstacle: the share of
-        the line, 0 for nowhere, and part of a sentence.
+        """The deepest penetration into an obstacle on the straight line from the last commands: its fraction of the
+        line, 0 without penetration, and part of a sentence.
         """
         deepest, share, told, state = -TOUCH, 0.0, "", self.before
         for k in range(1, ON_THE_WAY + 1) if self.task.obstacles else ():

@@ -1,7 +1,7 @@
 """Errors of the calibrated twin over a whole record, loading and unloading, as in paper A (Fig. 6, Table II).
 
 The fit uses selected samples: a branch, some cycles, a window. Here the twin is driven by every sample of the
-corrected record. Where it is elastic, hysteresis and changes from cycle to cycle remain as error.
+corrected record. Where the twin is elastic, hysteresis and changes from cycle to cycle remain as errors.
 """
 
 from __future__ import annotations

@@ -150,7 +150,7 @@ def leave_out(
     Raises
     ------
     SoftcalError
-        As `calibrate`.
+        See `calibrate`.
     """
     predictions: list[Prediction] = []
     for fold in folds:

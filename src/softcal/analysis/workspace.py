@@ -99,7 +99,7 @@ class WorkspaceState(Checked):
 @displayed
 @dataclass(frozen=True)
 class Workspace(Checked):
-    """What some channels of a robot can be within its limits.
+    """The values that some channels of a robot can have within its limits.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ def find_workspace(
     n_states
         Commands of the sequence; None: `STATES` by the number of channels.
     seed
-        Of the sequence.
+        Seed of the sequence.
     values
         Calibrated values, for the record.
     progress
@@ -375,7 +375,7 @@ class _Border:
         )
 
     def places(self, states: Sequence[WorkspaceState]) -> Floats:
-        """The channels (n, k) of states."""
+        """The values (n, k) of the workspace's channels in states."""
         return np.array([[state.channels[name] for name in self.channels] for state in states])
 
     def at(self, share: Floats) -> LiveState | None:
@@ -439,7 +439,7 @@ class _Border:
         return np.array(np.linalg.svd(by / self.extent[:, None] * (self.upper - self.lower), compute_uv=False).tolist())
 
     def pushed(self, state: LiveState, normal: Floats, spans: Floats) -> WorkspaceState:
-        """The end of the way outward from a state along a normal (k,) of the scaled channels."""
+        """The last state that is reached outwards from a state, along a normal (k,) of the scaled channels."""
         tolerances, limits = self.task.tolerances.copy(), tuple[str, ...]()
         tolerances[self.columns] = CLOSE * spans
         task = replace(self.task, tolerances=tolerances)

@@ -112,14 +112,14 @@ def require_joinable(
     Parameters
     ----------
     problem, settings, hashes
-        As of `calibrate`.
+        See `calibrate`.
     sharing
         The shared study.
 
     Raises
     ------
     InputError
-        As `calibrate`.
+        See `calibrate`.
     """
     require_shareable(_search(problem, settings, hashes)[0], sharing)
 

@@ -35,7 +35,7 @@ def sweep(
     axes
         Label of every free parameter -> its values [SI]; the last parameter changes fastest.
     seed
-        Of the importances (fANOVA).
+        Seed of the importances (fANOVA).
     workers, store, resume, progress
         As for `softcal.calibration.run.calibrate`.
 

@@ -78,5 +78,5 @@ class CalibrationLines:
 
 
 def _tenth(state: Progress) -> int:
-    """How many tenths of the trials are done."""
+    """Number of tenths of the trials that are done."""
     return SHARE * state.done // state.total if state.total else 0

@@ -170,7 +170,7 @@ def _includes_mesh(result: CalibrationResult) -> bool:
 
 
 def _statuses(results: Mapping[str, CalibrationResult]) -> list[str]:
-    """How the searches ended: in one line where all converged."""
+    """The statuses of the searches: in one line where all converged."""
     if all(result.converged for result in results.values()) and len(results) > 1:
         n = [len(result.trials) for result in results.values()]
         span = f"{min(n)} to {max(n)}" if min(n) < max(n) else str(n[0])
@@ -181,7 +181,7 @@ def _statuses(results: Mapping[str, CalibrationResult]) -> list[str]:
 
 
 def result_line(label: str, result: CalibrationResult) -> str:
-    """The values of one calibration in a line, for while others are still to come."""
+    """The values of one calibration in a line, for printing while others still run."""
     from softcal.report.format import few
 
     values = few(f"{name} {value_text(estimate)}" for name, estimate in result.parameters.items())
@@ -189,7 +189,7 @@ def result_line(label: str, result: CalibrationResult) -> str:
 
 
 def _add_parameters(table: Table, fits: Sequence[Mapping[str, Estimate]], *, verbose: bool) -> None:
-    """A line for each parameter; of one that each test has by itself a line for all, and if verbose for the vaguest."""
+    """A line for each parameter; for one of each test a single line, if verbose of the least certain value."""
     from softcal.calibration.results.digits import interval_text
     from softcal.report.format import worst
 
@@ -265,7 +265,7 @@ def _error_title(channel: str, experiment: str) -> str:
 
 
 def _error(fits: Sequence[ExperimentFit | None], channel: str) -> str:
-    """The error of a channel; of several tests the largest, of distances each its own."""
+    """The error of a channel: the largest of several tests, but for distances that of each test."""
     from softcal.units import format_quantity
 
     fitted = [fit for fit in fits if fit is not None and (channel in fit.rmse if channel else fit.distance)]

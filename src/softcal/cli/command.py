@@ -83,7 +83,7 @@ class ConsoleCommand(FunctionMember):
 
 
 def _faults(command: ConsoleCommand, _: Mapping[str, ConsoleCommand]) -> list[Fault]:
-    """What is wrong with a command that is to be registered."""
+    """Faults of a command that is to be registered."""
     if not isinstance(command, ConsoleCommand):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_command returns for a function"
         return [Fault("this is not a command", "command", repr(command)[:60], allowed)]
@@ -134,7 +134,7 @@ def register_command(part: Part, place: int = LAST) -> Callable[[C], C]:
 
 def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     """Decorator of commands: softcal's errors end with a message and an exit code, without a traceback. Every command
-    has the option `--verbose`, also one without such an argument.
+    has the option `--verbose`, even if its function has no such argument.
     """
     signature = inspect.signature(command, eval_str=True)
     has_own = VERBOSE in signature.parameters
@@ -201,13 +201,13 @@ def resumable(folder: Path, kept: str, again: str, record: str = "run.json") -> 
     Parameters
     ----------
     folder
-        Of the run.
+        Folder of the run.
     kept
-        What is kept, at the beginning of the message.
+        Noun at the beginning of the message, such as "Every cell".
     again
-        How the run is resumed.
+        The command that resumes the run.
     record
-        File that is in the folder from the beginning on.
+        File that the folder has as soon as a run can be resumed.
     """
     try:
         yield

@@ -113,10 +113,10 @@ def echo(text: str = "", *, err: bool = False) -> None:
 
 
 def print_table(table: Table) -> None:
-    """Print a table of texts as they are, in the width of the terminal, or of a log.
+    """Print a table of texts without markup, in the width of the terminal or of a log.
 
-    A wider table is printed in parts below each other, each with some of the columns and the first one, which names the
-    rows, so that no number is cut off or wrapped if one column besides the names fits.
+    A wider table is printed in parts below each other, each with the first column, which names the rows, and some of
+    the others, so that no number is cut off or wrapped if one column fits beside the names.
     """
     from rich.console import Console
 

@@ -1,4 +1,4 @@
-"""What runs beside a command: its stage, the progress of motions, the executor, and the page of `--watch`."""
+"""Displays beside a command: its stage, the progress of motions, the executor, and the page of `--watch`."""
 
 from __future__ import annotations
 

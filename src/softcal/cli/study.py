@@ -1,4 +1,4 @@
-"""How the commands that study a calibration or a project begin and end."""
+"""Beginning and end of the commands that study a calibration or a project."""
 
 from __future__ import annotations
 
@@ -113,4 +113,4 @@ def end_study(
     kind.write(study, source.project, source.calibration, folder)
     echo(f"Wrote {shown_path(folder)}")
     if folder == default_folder(run, kind.folder):
-        echo(f"Into the report with: softcal report {run}")
+        echo(f"Add it to the report with: softcal report {run}")

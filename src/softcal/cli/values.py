@@ -108,12 +108,12 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
 def calibration_options(given: list[str] | None, typed: Mapping[str, object]) -> dict[str, int | float | str]:
     """The settings of a calibration from the arguments of `--option NAME=VALUE`.
 
-    typed: settings that have an option of their own, None where it was not given.
+    typed: values of the settings that have an option of their own, None where this option is not used.
 
     Raises
     ------
     InputError
-        As `parsed_pairs`; for a name that is no setting, or is given by an option of its own too.
+        As `parsed_pairs`; for a name that is no setting, or is also set by an option of its own.
     """
     options = parsed_pairs(given, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
     both = [name for name in options if typed.get(name) is not None]

@@ -25,7 +25,7 @@ class LostCall:
 def each(
     executor: Executor, function: Callable[..., Any], shared: object, calls: Iterable[tuple[Any, ...]]
 ) -> Generator[Any]:
-    """function(shared, *args) for the args of each call, in their order, each as soon as it is there.
+    """Results of function(shared, *args) for the args of each call, in order, each as soon as it is complete.
 
     Calls that are not finished when the generator is closed are cancelled.
 
@@ -88,12 +88,12 @@ def here(function: Callable[..., Any], *args: Any) -> Any:
 def results(
     executor: Executor, function: Callable[..., Any], shared: object, calls: Iterable[tuple[Any, ...]]
 ) -> Generator[Any]:
-    """As `each`, where every call must have a result.
+    """See `each`; every call must have a result.
 
     Parameters
     ----------
     executor, function, shared, calls
-        As in `each`.
+        See `each`.
 
     Raises
     ------

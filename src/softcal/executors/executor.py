@@ -73,25 +73,25 @@ class Executor(concurrent.futures.Executor, ABC):
     @property
     @abstractmethod
     def workers(self) -> Sequence[WorkerState]:
-        """What is known of each worker."""
+        """The state of each worker."""
 
     @property
     @abstractmethod
     def told(self) -> str:
-        """What it is, for people: "2 processes of this machine"."""
+        """Description for messages: "2 processes of this machine"."""
 
     @property
     def here(self) -> bool:
-        """Whether its workers are processes of this machine that cost time to start."""
+        """Whether the workers are processes of this machine, which take time to start."""
         return False
 
     @property
     def alone(self) -> bool:
-        """Whether it is one process of this machine, so that calls may as well be made in this one."""
+        """Whether there is one worker, a process of this machine: the calling process can then do its calls as well."""
         return self.here and self.count == 1
 
     def share(self, what: object) -> object:
-        """What stands for a large object among the arguments of `call`: it is sent to each worker once.
+        """A placeholder for a large object in the arguments of `call`; the object is sent to each worker once.
 
         An object that is shared again, as by every generation of a search, is not packed again.
 
@@ -106,7 +106,7 @@ class Executor(concurrent.futures.Executor, ABC):
 
     @abstractmethod
     def sent(self, what: object) -> object:
-        """What `share` gives for an object that was not shared just before.
+        """The placeholder that `share` returns for an object other than the last one.
 
         Raises
         ------
@@ -116,26 +116,26 @@ class Executor(concurrent.futures.Executor, ABC):
 
     @abstractmethod
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
-        """As in `concurrent.futures`."""
+        """See `concurrent.futures.Executor.submit`."""
 
 
 @dataclass(frozen=True)
 class Patience:
-    """How long a call may take before it counts as hanging.
+    """The limit of time after which a call counts as hanging.
 
     Attributes
     ----------
     fixed
-        Seconds, whatever others take; None: by the longest so far.
+        The limit [s]; None: a multiple of the longest call so far.
     shortest
-        Seconds that every call may take where it goes by the longest.
+        The least limit [s] in the latter case.
     """
 
     fixed: float | None = None
     shortest: float = 600.0
 
     def after(self, longest: float) -> float:
-        """Seconds that a call may take, given the longest so far [s], 0 before the first has ended."""
+        """The limit [s] after the longest call so far [s], 0 before the first call has ended."""
         if self.fixed is not None:
             return self.fixed
         return max(self.shortest, _LONGER * longest) if longest else _UNKNOWN

@@ -1,4 +1,4 @@
-"""What many calls share: pickled once, named by its hash, and opened once in each worker."""
+"""Objects that many calls share: pickled once, named by their hash, and opened once in each worker."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from softcal.errors import CalibrationError
 _KEPT = 4  # objects that a worker keeps opened
 _open: OrderedDict[str, object] = OrderedDict()
 one_at_a_time = threading.RLock()
-"""Held by every call: the solvers share their state among the threads of a process."""
+"""Lock of every call: the solvers share their state among the threads of a process."""
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class DrivenChannels:
         return self.effort if self.coordinate not in channels and self.effort in channels else self.coordinate
 
     def sign(self, dataset: Dataset) -> float:
-        """-1 where a record goes the other way, as into a vacuum; else 1."""
+        """-1 for a record in the negative direction, as with a vacuum; else 1."""
         if self.is_cable:
             return 1.0
         values = dataset.values(self.effort if self.effort in dataset.channels else self.coordinate)

@@ -224,7 +224,7 @@ def unit_of_column(
     attempt
         Where to state a missing unit, for messages.
     constant
-        Of a sensor that writes another quantity, see `sensor_factor`; "" of any other.
+        Constant of a sensor that writes another quantity, see `sensor_factor`; "" of any other.
     """
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"

@@ -25,7 +25,7 @@ def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
     where = f"{first.name} and {second.name}"
     shared = [key for key in second.channels if key in first.channels and key != "time"]
     if shared:
-        raise DatasetError(Fault("both records hold the same channel", where, ", ".join(shared)))
+        raise DatasetError(Fault("both records have the same channel", where, ", ".join(shared)))
     time, other = first.values("time"), second.values("time")
     inside = covered(time, other)
     if not len(inside):
@@ -75,7 +75,7 @@ def merge_on_labels(first: Dataset, second: Dataset) -> Dataset:
     """
     where = f"{first.name} and {second.name}"
     shared = [key for key in second.channels if key in first.channels]
-    faults = [Fault("both records hold the same channel", where, ", ".join(shared))] if shared else []
+    faults = [Fault("both records have the same channel", where, ", ".join(shared))] if shared else []
     place = {label: row for row, label in enumerate(second.labels)}
     absent = [label for label in first.labels if label not in place]
     if absent:

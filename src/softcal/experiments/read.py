@@ -178,14 +178,14 @@ def read_channels(path: Path, known: Collection[str]) -> Dataset:
     path
         The table, with a column `time` or without.
     known
-        Names of the channels that there are.
+        Names of all channels.
 
     Raises
     ------
     DatasetError
         For a column of any other name, a value that is missing, and as `read_table`.
     UnitError, StorageError
-        As `read_table`.
+        See `read_table`.
     """
     names = [TIME.name, *known]
     table = load_table(path, names, TableFormat())
@@ -222,6 +222,6 @@ def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
 
 
 def line_numbers(first: Sequence[int], n: int) -> str:
-    """The first of n lines in words."""
+    """Text such as "lines 3, 7, …": the first numbers of n lines."""
     numbers = ", ".join(map(str, first[:N_NAMED]))
     return ("line " if n == 1 else "lines ") + numbers + (", …" if n > N_NAMED else "")

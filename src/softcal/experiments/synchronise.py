@@ -117,7 +117,7 @@ def synchronise(utm: Dataset, imu: Dataset, motion: CommonMotion | None = None) 
     if shared:
         raise DatasetError(
             Fault(
-                "both records hold the same channel",
+                "both records have the same channel",
                 where=f"{utm.name} and {imu.name}",
                 got=", ".join(shared),
                 attempt="leave it out of the columns of one",

@@ -37,7 +37,7 @@ class ColumnSpec(Declared):
     Attributes
     ----------
     name : The column's header, with or without its unit
-    unit : Of the numbers; None reads it from the file
+    unit : Unit of the numbers; None reads it from the file
     scale : Factor on the numbers, such as -1 for a machine that writes tension negative; or the constant of a sensor
         that writes another quantity, such as 4096 counts/turn, 1.2 N*m/A or 2 mV/N
     """
@@ -84,4 +84,4 @@ class TableFormat(Declared):
             len(mark) != 1 or mark.isalnum() or mark in "\"'.+-_\r\n" or not (mark.isprintable() or mark == "\t")
         ):
             allowed = 'one character, such as ",", ";" or "\\t"'
-            raise InputError(Fault("this cannot separate columns", "delimiter", repr(mark), allowed))
+            raise InputError(Fault("this character cannot separate columns", "delimiter", repr(mark), allowed))

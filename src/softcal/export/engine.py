@@ -48,7 +48,7 @@ class EngineState:
 
 @dataclass(frozen=True)
 class Running:
-    """How an engine is run: timeout of each process [s], None for its default; its settings, if it has any."""
+    """Settings of an engine's runs: timeout of each process [s], None for its default; its settings, if any."""
 
     timeout: float | None = None
     settings: Declared | None = None

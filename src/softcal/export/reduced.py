@@ -90,7 +90,7 @@ class Input:
 
     @property
     def derivative(self) -> str:
-        """By which the twin has derivatives."""
+        """Name by which the twin has derivatives."""
         return f"{self.name}.{self.control}" if self.control else self.name
 
 
@@ -166,7 +166,7 @@ def reduced(
     tell
         Called with each warning of the twin within the ranges, such as of a robot that snaps.
     bands
-        Of the calibration; None: the model has none.
+        Bands of the calibration; None: the model has none.
     shapes
         Whether the shapes are kept.
     tested
@@ -364,7 +364,7 @@ def _inputs(robot: Robot, spans: Mapping[str, Span]) -> list[Input]:
             faults += out
             if not out and not span.least <= value <= span.most:
                 at = format_quantity(value, span.unit)
-                faults.append(Fault("the range must have the robot's own value", name, text, f"a range with {at}"))
+                faults.append(Fault("the range must contain the robot's own value", name, text, f"a range with {at}"))
             found.append(Input(name, span.unit, span.least, span.most, value))
         elif not faults:
             found.append(_of_actuator(robot, actuated[name], span))
@@ -407,7 +407,7 @@ def efforts_along(robot: Robot, part: ActuatedPart, ends: tuple[float, float]) -
     part
         The actuator.
     ends
-        Of the coordinate [SI]; what only pulls begins where it is taut.
+        Ends of the coordinate [SI]; what only pulls begins where it is taut.
 
     Raises
     ------
@@ -528,11 +528,11 @@ class Sampled:
         inputs
             The inputs.
         shares
-            Of their ranges (n, n_inputs).
+            Shares of their ranges (n, n_inputs).
         tell
             Called with each warning of the twin.
         bands
-            Of the calibration; None: there are none.
+            Bands of the calibration; None: there are none.
         shapes
             Whether the shapes are kept.
 
@@ -596,7 +596,7 @@ class Sampled:
         Parameters
         ----------
         directions
-            Of the model (n_inputs, n_inputs).
+            Directions of the model (n_inputs, n_inputs).
         powers
             Those of the model (n_terms, n_inputs), of which the highest are left out where there are too many.
         values
@@ -701,9 +701,9 @@ def terms_at(places: Floats, directions: Floats, powers: Ints) -> Floats:
     places
         Inputs (n, n_inputs), each from -1 to 1 over its range.
     directions
-        Of the model (n_inputs, n_inputs).
+        Directions of the model (n_inputs, n_inputs).
     powers
-        Of the terms (n_terms, n_inputs).
+        Powers of the terms (n_terms, n_inputs).
     """
     return _design(places, directions, powers)[0]
 

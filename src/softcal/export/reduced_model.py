@@ -80,11 +80,11 @@ class ReducedModel:
         targets
             Channel -> wanted value [SI].
         start
-            Commands to which those of several for the same target are near; by default no effort.
+            Commands to start from: of several solutions, one near them results; by default no effort.
         weights
-            Channel -> weight of its difference; by default 1, of angles 0.1 m/rad.
+            Channel -> weight of its difference; by default 1, for angles 0.1 m/rad.
         inputs
-            Values of inputs that are no commands, where they are not the robot's.
+            Values of inputs other than commands, where they differ from the robot's.
 
         Returns
         -------
@@ -166,8 +166,8 @@ class ReducedModel:
         return values, np.concatenate([moved.reshape(len(rates), 6 * n), rates[:, 7 * n :]], axis=1)
 
     def _read(self, numbers: "list[int]") -> "tuple[list[int], int, list[int], np.ndarray]":
-        """What channels need: their plates' and other outputs, the number of plates, their columns among the
-        channels of these, and whether they are angles.
+        """The outputs that channels need, of plates and others, the number of these plates, the columns of the channels
+        among those of these outputs, and whether they are angles.
         """
         n = 6 * len(self.plates)
         plates = sorted({k // 6 for k in numbers if k < n})
@@ -298,8 +298,8 @@ class KalmanFilter:
 
 
 def _step(A: np.ndarray, r: np.ndarray, least: np.ndarray, most: np.ndarray, damping: float) -> np.ndarray:
-    """The shortest step d within a box that makes A d + r small: what leaves the box ends at its side, and the others
-    are solved anew; what a side holds leaves it where that lowers the sum of squares.
+    """The shortest step d within a box that makes A d + r small, by an active set: components that leave the box stay
+    at its side, the others are solved again; a component leaves its side where that lowers the sum of squares.
     """
     d, slope = np.zeros(A.shape[1]), A.T @ r
     moves = ~((least >= 0.0) & (slope > 0.0) | (most <= 0.0) & (slope < 0.0))

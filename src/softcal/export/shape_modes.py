@@ -30,12 +30,12 @@ class ShapeModes:
     data: Mapping[str, Any]
 
     def distance(self, directions: Floats, places: Floats, shapes: Floats) -> float:
-        """The largest distance [m] of a point from where it is in other shapes.
+        """The largest distance [m] of a point from its position in other shapes.
 
         Parameters
         ----------
         directions
-            Of the model (n_inputs, n_inputs).
+            Directions of the model (n_inputs, n_inputs).
         places
             Inputs (n, n_inputs), each from -1 to 1 over its range.
         shapes

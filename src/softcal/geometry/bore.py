@@ -107,7 +107,7 @@ def bore_at(triangles: Floats, point: Floats) -> Bore | None:
 
 
 def _stretches(triangles: Floats, centre: Floats, axis: Floats, radius: float) -> Floats:
-    """Both ends (k, 2, 3) of every stretch of an axis with the wall of a bore all around it."""
+    """Both ends (k, 2, 3) of every segment of an axis that the wall of a bore surrounds."""
     along = (triangles - centre) @ axis
     low, high = along.min(axis=1), along.max(axis=1)
 

@@ -32,7 +32,7 @@ _OPTIONS = {
 
 
 class DeckError(Exception):
-    """What is wrong in a mesh file, or what softcal does not follow."""
+    """A fault of a mesh file, or a feature of it that softcal does not support."""
 
 
 @dataclass
@@ -170,7 +170,7 @@ def places_of(listed: Ints, numbers: Ints, where: str) -> Ints:
     listed
         The list.
     numbers
-        Of any shape.
+        Numbers of any shape.
     where
         Who names a number that the list does not have, for the message.
 
@@ -207,7 +207,7 @@ def _sets(cards: Sequence[_Card], lister: str, listed: Ints) -> dict[str, Ints]:
                 elif word in sets:
                     named.append(sets[word])
                 else:
-                    raise DeckError(f"'{word[:40]}' under {card}: a set that is above it, or a number, is allowed")
+                    raise DeckError(f"'{word[:40]}' under {card}: only a number or a set above it is allowed")
         places = places_of(
             listed,
             np.concatenate([*numbers, np.array(plain, dtype=np.int64)]),

@@ -36,8 +36,8 @@ class GuideHoles(Declared):
     Attributes
     ----------
     count : Number of holes
-    diameter : Of each [m]
-    radius : Of the circle of their centres [m]
+    diameter : Diameter of each [m]
+    radius : Radius of the circle of their centres [m]
     first_angle : Angle of the first, about +z from +x [rad]
     """
 

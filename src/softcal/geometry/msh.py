@@ -79,7 +79,7 @@ _Rows = list[tuple[str, Ints, Mapping[int, Ints]]]
 
 
 def _parts(raw: bytes) -> dict[str, bytes]:
-    """Section -> what is inside."""
+    """Section -> its content."""
     parts: dict[str, bytes] = {}
     at = 0
     while begin := _BEGIN.search(raw, at):

@@ -70,12 +70,12 @@ class Neck(Filled):
     n_bells : Number of links
     bottom_link_height : From the base to the first waist [m]
     link_pitch : From waist to waist [m]
-    dome_height : Of every link [m]
+    dome_height : Dome height of every link [m]
     dome
         Shape of every dome: "cubic", as digitised from the published neck; "ellipse", a quarter of one; or points
         (share of its height, share of its width), both from the waist, as by callipers or from a silhouette [-]. The
         shares ascend; a monotone curve goes through the waist, the points and the skirt.
-    waist_diameter : Of the core between two links [m]
+    waist_diameter : Waist diameter of the core between two links [m]
     collar_diameter, collar_height : Of the cylinder on top, which is fixed to the plate [m]
     clamp_depth : Length of the bottom link in the socket [m]
     waist_refinement

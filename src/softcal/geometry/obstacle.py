@@ -69,7 +69,7 @@ class Obstacle(Declared, ABC):
 @displayed
 @dataclass(frozen=True)
 class HalfSpace(Obstacle):
-    """All that is behind a plane.
+    """The half-space behind a plane.
 
     Attributes
     ----------

@@ -97,7 +97,7 @@ def _kuhn_tets(divisions: Sequence[int]) -> Ints:
 
 @dataclass(frozen=True)
 class Primitive(Declared, ABC):
-    """A body by its measures, in its own frame.
+    """A body by its dimensions, in its own frame.
 
     lengths: names of the fields that can be parameters of a body of this shape (see `PrimitiveShape`).
     """
@@ -111,19 +111,19 @@ class Primitive(Declared, ABC):
     @property
     def knots(self) -> tuple[Sequence[float], Sequence[float]]:
         """Ascending radii about z and heights [m], from zero to the outermost. Where a length changes, the points
-        between two of them stay between them, at the same share of the way. Empty where no length is a parameter.
+        between two of them stay between them, at the same fraction of their distance. Empty without such lengths.
         """
         return (), ()
 
     def shares(self, places: Floats) -> Floats:
-        """What points at the radius and height (n, 2) [m] keep where a length changes: by default the number of the
-        knot inside and that of the knot below, with the share of the way to the next one.
+        """Coordinates (n, 2) [-], constant where a length changes, of points at a radius and height [m]: by default the
+        numbers of the knots inside and below, plus the fraction of the distance to the next knot.
         """
         numbers = [np.interp(x, knots, np.arange(len(knots))) for x, knots in zip(places.T, self.knots, strict=True)]
         return np.column_stack(numbers)
 
     def places(self, shares: Floats) -> Floats:
-        """Radius and height (n, 2) [m] of points by their `shares`."""
+        """Radius and height (n, 2) [m] of points from their `shares`, the inverse of it."""
         at = [np.interp(x, np.arange(len(knots)), knots) for x, knots in zip(shares.T, self.knots, strict=True)]
         return np.column_stack(at)
 

@@ -240,7 +240,7 @@ def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
     if outside.any():
         faults.append(
             Fault(
-                "a tetrahedron names a node that the file does not hold",
+                "a tetrahedron has a node number that the file does not have",
                 where=str(path),
                 got=f"node {tets[outside][0]} in tet {int(np.flatnonzero(outside.any(axis=1))[0])}",
                 allowed=f"0 to {len(points) - 1}",

@@ -22,11 +22,11 @@ class Ring(Declared):
 
     Attributes
     ----------
-    count, radius : Their number, and that of the circle [m]
-    first_angle : Angle [rad] of the first about `axis`, from `zero`
-    names : Of each; None: h1, h2, …
-    centre : Of the circle (3,) [m]; None: where the plate's reference is
-    axis, zero : Directions (3,): about which angles count, and from which
+    count, radius : Number of holes, and radius [m] of the circle
+    first_angle : Angle [rad] of the first hole about `axis`, from `zero`
+    names : Names of the holes; None: h1, h2, …
+    centre : Centre of the circle (3,) [m]; None: the plate's reference
+    axis, zero : Directions (3,) of the axis of rotation of the angles, and of angle zero
     """
 
     count: Annotated[int, LIMITS["holes on a ring"]]

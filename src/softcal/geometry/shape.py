@@ -97,7 +97,7 @@ class PrimitiveShape(BodyShape):
         return {name: getattr(self.primitive, name) for name in self.primitive.lengths}
 
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
-        """As `BodyShape.moved`; the nodes follow the primitive's map."""
+        """See `BodyShape.moved`; the nodes follow the primitive's map."""
         other = self.primitive.with_lengths(values)
         pose = self.placement.pose
         points = pose.inverse().apply(mesh.points)
@@ -143,8 +143,8 @@ class DrawnShape(BodyShape):
 
     Attributes
     ----------
-    scale : Of the mesh as it is [-]
-    wall_offset : Of its surface as it is [m]
+    scale : Scale of the mesh as it is [-]
+    wall_offset : Wall offset of its surface as it is [m]
     """
 
     scale: PositiveRatio = 1.0
@@ -155,7 +155,7 @@ class DrawnShape(BodyShape):
         return asdict(self)
 
     def moved(self, mesh: TetMesh, fixed: Ints, values: Mapping[str, float]) -> tuple[Floats, Self]:
-        """As `BodyShape.moved`; the mesh is scaled, and its surface offset."""
+        """See `BodyShape.moved`; the mesh is scaled, and its surface offset."""
         other, points = replace(self, **values), mesh.points
         offset = other.wall_offset - self.wall_offset
         centre = points[fixed if len(fixed) else slice(None)]

@@ -90,7 +90,7 @@ def read_vtu(path: Path) -> Any:
     [points], cells = found["Points"].values(), found["Cells"]
     n_points, n_cells = (int(pieces[0].attrib[key]) for key in ("NumberOfPoints", "NumberOfCells"))
     if len(points) != n_points or {len(cells["offsets"]), len(cells["types"])} != {n_cells}:
-        raise DeckError(f"{len(points)} points and {len(cells['types'])} cells, of {n_points} and {n_cells} stated")
+        raise DeckError(f"{len(points)} points and {len(cells['types'])} cells in place of {n_points} and {n_cells}")
     blocks, data = vtk_cells(cells["connectivity"], cells["offsets"], cells["types"], found.get("CellData", {}))
     return meshio.Mesh(points, blocks, point_data=found.get("PointData"), cell_data=data)
 
@@ -150,5 +150,5 @@ def _unpacked(data: bytes, header: np.dtype[Any], compressor: str, is_text: bool
 
 
 def _length(count: int) -> int:
-    """How many letters so many bytes take in base 64."""
+    """Number of letters for a number of bytes in base 64."""
     return 4 * -(-count // 3)

@@ -27,11 +27,11 @@ class Kept(NamedTuple):
     Attributes
     ----------
     a
-        Of each branch (b,) [-].
+        a_i of each branch (b,) [-].
     past
-        What does not depend on y (n, b, 6).
+        past_i, which does not depend on y (n, b, 6).
     h
-        At y (n, b, 6).
+        h_i at y (n, b, 6).
     memory
         y, then h_i of each branch (n, 6 (1 + b)).
     """

@@ -76,7 +76,7 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
         if name in RESERVED
     ]
     faults += [
-        Fault("a body has something else of this name", where=f"law {law.name}", got=name, attempt="another name")
+        Fault("the name is taken by a key of a body", where=f"law {law.name}", got=name, attempt="another name")
         for name in law.names
         if name in TAKEN
     ]
@@ -120,11 +120,11 @@ def _text_faults(law: Law) -> Iterator[Fault]:
         measure, faults = measured(getattr(law, what), f"law {law.name}, {what}", scope)
         yield from faults
         if others := measure.names - names - set(FUNCTIONS):
-            yield Fault("this is not of such symbols", f"law {law.name}, {what}", ", ".join(sorted(others)), allowed)
+            yield Fault("a symbol is not allowed", f"law {law.name}, {what}", ", ".join(sorted(others)), allowed)
 
 
 def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:
-    """Every constant of any of the laws and of any history, by name; of one that several laws have, the first's."""
+    """The constants of all laws and histories by name; where several laws have the name, the first law's constant."""
     found: dict[str, Parameter] = {}
     for parameter in (*(one for law in laws.values() for one in law.parameters), *history_constants().values()):
         found.setdefault(parameter.name, parameter)

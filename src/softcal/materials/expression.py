@@ -74,7 +74,7 @@ def measured(text: object, where: str, scope: Mapping[str, Measure | None]) -> t
     text
         The text.
     where
-        What an error names as the place.
+        Place for error messages.
     scope
         Symbol -> its measure, or None for an abbreviation that is not yet filled in.
     """

@@ -42,7 +42,7 @@ MODULUS, THRESHOLD, TIME = "flow_modulus", "flow_threshold", "flow_time"
 
 @dataclass(frozen=True)
 class Flow(Inelastic):
-    """Its memory at a point: E_p and E of the sample before (12). at_once: whether it has no time, as dry friction."""
+    """Its memory at a point: E_p and E of the previous sample (12). at_once: without a time, as dry friction."""
 
     at_once: bool = False
 
@@ -64,16 +64,16 @@ class Flow(Inelastic):
         return not self.at_once
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The material with the branch beside the law.
+        """The response of the material with the branch parallel to the law.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         memory
-            E_p and E of the sample before (n, 12).
+            E_p and E of the previous sample (n, 12).
         elapsed
-            Time since then [s]; of no effect where tau_f is zero.
+            Time since that sample [s]; of no effect where tau_f is zero.
         constants
             mu_f and Y [Pa], and tau_f [s] unless it flows at once.
         """
@@ -99,20 +99,20 @@ class Flow(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+        """The rates of the energy, the stress and the memory that `respond` returns.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         by
-            Rates of strain, energy and stress without the part.
+            Rates of its strain, energy and stress.
         memory
             The memory as in `respond`, and its rates.
         elapsed
-            Time since the sample before [s]; of no effect where tau_f is zero.
+            Time since the previous sample [s]; of no effect where tau_f is zero.
         constants
-            The constants as in `respond`, and their rates; those that are missing are zero.
+            The constants as in `respond`, and their rates; missing rates are zero.
         """
         values, changes = constants
         mu, form = values[MODULUS], _form(at)

@@ -32,7 +32,7 @@ def history_of(names: Sequence[str], where: str = "history", *, of_rod: bool = F
     names
         Names of the parts.
     where
-        What an error names as the place.
+        Place for error messages.
     of_rod
         Whether it is of a rod.
 
@@ -50,7 +50,7 @@ def history_of(names: Sequence[str], where: str = "history", *, of_rod: bool = F
     ]
     kinds = [name.partition("-")[0] for name in names]
     faults += [
-        Fault("a history has one such part", where, f"{kinds.count(kind)} of {kind}", "one")
+        Fault("a history can have only one part of this kind", where, f"{kinds.count(kind)} of {kind}", "one")
         for kind in dict.fromkeys(kinds)
         if kinds.count(kind) > 1
     ]

@@ -85,21 +85,21 @@ class Inelastic(ABC):
 
     @property
     def of_sections(self) -> bool:
-        """Whether the sections of a rod have it, too: any six strains, with an energy by them."""
+        """Whether it also applies to the sections of a rod: to any six strains with an energy."""
         return True
 
     @abstractmethod
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The material as the part changes it, with the memory that it leaves.
+        """The response of the material with this part of its history, and the new memory.
 
         Parameters
         ----------
         at
-            The material without the part: energy, stress and tangent at points (n,).
+            The material without this part of its history: energy, stress and tangent at points (n,).
         memory
-            Memory of the sample before (n, size).
+            Memory of the previous sample (n, size).
         elapsed
-            Time since the sample before [s]; infinity: so long that nothing changes any more.
+            Time since the previous sample [s]; infinity: until nothing changes any more.
         constants
             Constants by name [SI].
         """
@@ -113,21 +113,21 @@ class Inelastic(ABC):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy and the stress that `respond` leaves, and of the memory. A rate is one number, or one
+        """The rates of the energy, the stress and the memory that `respond` returns. A rate is one number, or one
         at each point (n,).
 
         Parameters
         ----------
         at
-            The material without the part: energy, stress and tangent at points (n,).
+            The material without this part of its history: energy, stress and tangent at points (n,).
         by
-            Rates of strain, energy and stress without the part.
+            Rates of its strain, energy and stress.
         memory
-            Memory of the sample before (n, size), and its rates.
+            Memory of the previous sample (n, size), and its rates.
         elapsed
-            Time since the sample before [s]; infinity: so long that nothing changes any more.
+            Time since the previous sample [s]; infinity: until nothing changes any more.
         constants
-            Constants by name [SI], and their rates; those that are missing are zero.
+            Constants by name [SI], and their rates; missing rates are zero.
         """
 
     def faults(self, constants: Constants) -> str:
@@ -143,11 +143,11 @@ class History:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The constants of all of them."""
+        """The constants of all parts."""
         return tuple(one for part in self.parts for one in part.parameters)
 
     def constants(self, given: Constants) -> Constants:
-        """The constants of the parts, among those of a material."""
+        """The constants of the parts, from all constants of a material."""
         return {one.name: given[one.name] for one in self.parameters}
 
     @property
@@ -156,16 +156,16 @@ class History:
         return sum(part.size for part in self.parts)
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """As `Inelastic.respond`, of all parts.
+        """See `Inelastic.respond`; for all parts together.
 
         Parameters
         ----------
         at
-            The material without the part: energy, stress and tangent at points (n,).
+            The material without this part of its history: energy, stress and tangent at points (n,).
         memory
-            Memory of the sample before (n, size).
+            Memory of the previous sample (n, size).
         elapsed
-            Time since the sample before [s]; infinity: so long that nothing changes any more.
+            Time since the previous sample [s]; infinity: until nothing changes any more.
         constants
             Constants by name [SI].
         """
@@ -183,18 +183,18 @@ class History:
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """As `Inelastic.rates`, of all parts.
+        """See `Inelastic.rates`; for all parts together.
 
         Parameters
         ----------
         at
-            The material without the part: energy, stress and tangent at points (n,).
+            The material without this part of its history: energy, stress and tangent at points (n,).
         by
-            Rates of strain, energy and stress without the parts.
+            Rates of its strain, energy and stress.
         memory
-            Memory of the sample before (n, size), and its rates.
+            Memory of the previous sample (n, size), and its rates.
         elapsed
-            Time since the sample before [s]; infinity: so long that nothing changes any more.
+            Time since the previous sample [s]; infinity: until nothing changes any more.
         constants
             Constants by name [SI], and their rates.
         """

@@ -322,7 +322,7 @@ def _not_finite(law: Law, what: str, psi_d: Any) -> Fault:
     if what != "distortional" or not powers:
         return Fault("this, its inverse or a derivative is not a finite real function", got=getattr(law, what))
     return Fault(
-        "this power has infinite derivatives at rest, where its base is 0, or may have",
+        "this power has, or may have, infinite derivatives at rest, where its base is 0",
         got=str(powers[0]),
         allowed="a number as its exponent: 1, or 2 and more",
         attempt="a sum of such powers with free factors, as yeoh has, or a constant that is no exponent, as gent has",

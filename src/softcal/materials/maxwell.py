@@ -34,7 +34,7 @@ EXPONENT = "branch_exponent"
 
 @dataclass(frozen=True)
 class Maxwell(Inelastic):
-    """branches: their number. Its memory at a point: A of the sample before, then h_i of each branch."""
+    """branches: their number. Its memory at a point: A of the previous sample, then h_i of each branch."""
 
     branches: int
 
@@ -63,16 +63,16 @@ class Maxwell(Inelastic):
         return False  # it measures the strain of a solid
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The material with the branches beside the law.
+        """The response of the material with the branches parallel to the law.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         memory
-            A of the sample before, then h_i of each branch (n, 6 (1 + branches)) [-].
+            A of the previous sample, then h_i of each branch (n, 6 (1 + branches)) [-].
         elapsed
-            Time since then [s]; infinity: so long that nothing changes any more.
+            Time since that sample [s]; infinity: until nothing changes any more.
         constants
             mu_i [Pa], tau_i [s] and the exponent m [-].
         """
@@ -96,20 +96,20 @@ class Maxwell(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+        """The rates of the energy, the stress and the memory that `respond` returns.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         by
-            Rates of strain, energy and stress without the part.
+            Rates of its strain, energy and stress.
         memory
             The memory as in `respond`, and its rates.
         elapsed
-            Time since the sample before [s]; infinity: so long that nothing changes any more.
+            Time since the previous sample [s]; infinity: until nothing changes any more.
         constants
-            The constants as in `respond`, and their rates; those that are missing are zero.
+            The constants as in `respond`, and their rates; missing rates are zero.
         """
         values, changes = constants
         mu, dmu = (stacked(one, self._moduli) for one in constants)

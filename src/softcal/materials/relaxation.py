@@ -25,7 +25,7 @@ from softcal.quantities import QUANTITIES
 class Relaxation(Inelastic):
     """A Prony series. branches: their number.
 
-    Its memory at a point: the stress S of the sample before, then H_i / beta_i of each branch.
+    Its memory at a point: the stress S of the previous sample, then H_i / beta_i of each branch.
     """
 
     branches: int
@@ -54,16 +54,16 @@ class Relaxation(Inelastic):
         return "" if total < 1.0 else f"the shares that relax add up to {total:.4g}, and must be below 1 together"
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The material with the stresses that relax.
+        """The response of the material with the stresses that relax.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         memory
-            S of the sample before, then H_i / beta_i of each branch (n, 6 (1 + branches)).
+            S of the previous sample, then H_i / beta_i of each branch (n, 6 (1 + branches)).
         elapsed
-            Time since then [s]; infinity: so long that nothing changes any more.
+            Time since that sample [s]; infinity: until nothing changes any more.
         constants
             g_i [-] and tau_i [s].
         """
@@ -83,20 +83,20 @@ class Relaxation(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+        """The rates of the energy, the stress and the memory that `respond` returns.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         by
-            Rates of strain, energy and stress without the part.
+            Rates of its strain, energy and stress.
         memory
             The memory as in `respond`, and its rates.
         elapsed
-            Time since the sample before [s]; infinity: so long that nothing changes any more.
+            Time since the previous sample [s]; infinity: until nothing changes any more.
         constants
-            The constants as in `respond`, and their rates; those that are missing are zero.
+            The constants as in `respond`, and their rates; missing rates are zero.
         """
         values, changes = constants
         g, dg = stacked(values, self._shares), stacked(changes, self._shares)

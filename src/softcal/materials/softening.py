@@ -39,16 +39,16 @@ class Softening(Inelastic):
         return 1
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The material softened by eta.
+        """The response of the material softened by eta.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         memory
-            W_max of the samples before (n, 1) [J/m^3].
+            W_max of the previous samples (n, 1) [J/m^3].
         elapsed
-            Time since then [s], of no effect.
+            Time since that sample [s], of no effect.
         constants
             r [-], m [Pa] and b [-].
         """
@@ -73,20 +73,20 @@ class Softening(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy and the stress that `respond` leaves, and of the memory.
+        """The rates of the energy, the stress and the memory that `respond` returns.
 
         Parameters
         ----------
         at
-            The material without the part, at points (n,).
+            The material without this part of its history, at points (n,).
         by
-            Rates of strain, energy and stress without the part.
+            Rates of its strain, energy and stress.
         memory
             The memory as in `respond`, and its rates.
         elapsed
-            Time since the sample before [s], of no effect.
+            Time since the previous sample [s], of no effect.
         constants
-            The constants as in `respond`, and their rates; those that are missing are zero.
+            The constants as in `respond`, and their rates; missing rates are zero.
         """
         values, changes = constants
         r, m, b = (values[name] for name in (AMOUNT, ENERGY, RANGE))

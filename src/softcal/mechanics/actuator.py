@@ -73,7 +73,7 @@ class ActuatorTerm(Term):
     @property
     @abstractmethod
     def actuators(self) -> Sequence[ActuatorLimits]:
-        """Its actuators, in the order of their efforts."""
+        """The actuators of the term, in the order of their efforts."""
 
     @abstractmethod
     def shape_coordinates(self, x: Floats) -> Floats:
@@ -106,11 +106,11 @@ class ActuatorTerm(Term):
         into
             The sum.
         transmission
-            What `transmission` returned there.
+            The result of `transmission` at the same state.
         """
 
     def transmission(self, given: Given) -> Any:
-        """What lies between the machine and the shape, such as friction and stretch; None where nothing does."""
+        """The transmission between the machine and the shape, such as friction and stretch; None without one."""
         return None
 
     def coordinates(self, given: Given, transmission: Any) -> Floats:
@@ -129,7 +129,7 @@ class ActuatorTerm(Term):
         size
             Number of the entities' components.
         transmission
-            What `transmission` returned there.
+            The result of `transmission` at the same state.
         """
         columns = np.stack([-self.shape_gradient(given.state.x, i, size) for i in which.tolist()], axis=1)
         return Drives(columns, columns, np.zeros(len(which)))
@@ -144,23 +144,23 @@ class ActuatorTerm(Term):
         given
             The arguments of the term.
         transmission
-            What `transmission` returned there.
+            The result of `transmission` at the same state.
         """
 
     @property
     def followers(self) -> Mapping[str, Ints]:
-        """Actuator of its own -> numbers among the system's of those that have no command but its own: of a drive its
-        cables and its pulley. Commanded by what `taken_up` leaves of their coordinates: zero.
+        """Actuator of this term -> numbers in the system of the actuators that follow it: cables and pulley of a drive.
+        Their command is zero for their coordinate less the part that `taken_up` returns.
         """
         return {}
 
     def taken_up(self, given: Given) -> Floats | float:
-        """What it takes up of the coordinates of its followers, among those of all (n_actuators,)."""
+        """The part of its followers' coordinates that it takes up, among all coordinates (n_actuators,)."""
         return 0.0
 
     @property
     def swings(self) -> bool:
-        """Whether it has inertia of its own."""
+        """Whether the actuators have inertia of their own."""
         return False
 
     def couplings(self, given: Given) -> Sequence[tuple[int, int, float]]:
@@ -174,7 +174,7 @@ class ActuatorTerm(Term):
         Parameters
         ----------
         is_held
-            Which would be (n_actuators,).
+            The actuators (n_actuators,) at prescribed efforts by the commands.
         target
             The commands.
 
@@ -195,7 +195,7 @@ class ActuatorTerm(Term):
         Parameters
         ----------
         extent
-            Of the robot [m].
+            Extent of the robot [m].
         theta
             Values of the parameters by dotted name [SI].
         effort
@@ -208,11 +208,11 @@ class ActuatorTerm(Term):
         return NO_GAP * self.coordinate_scales(extent)
 
     def at_limit(self, x: Floats) -> str:
-        """What keeps it from moving further at these positions, as part of a sentence; "" where nothing does."""
+        """The obstacle to further motion at these positions, as part of a sentence; "" without one."""
         return ""
 
     def is_reversed(self, before: Floats, x: Floats) -> bool:
-        """Whether it acts in the opposite direction at x as before (both (n_points, 3)): the robot then jumped."""
+        """Whether an actuator acts in the opposite direction at x than before (both (n_points, 3)), after a jump."""
         return False
 
     @cached_property

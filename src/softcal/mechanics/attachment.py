@@ -38,7 +38,7 @@ def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, whe
     tolerance
         Largest distance of a point from the mesh [m]; None: that of `locate_points`.
     where
-        What an error names as the place.
+        Place for error messages.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
         Whether it may be at any distance, such as a marker on a stalk; it then is extrapolated from the nearest
         element.
     where
-        What an error names as the place.
+        Place for error messages.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def attach_directions(mesh: TetMesh, point: Floats, *, where: str = "") -> tuple
     point
         The point (3,) [m].
     where
-        What an error names as the place.
+        Place for error messages.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def attach_rate(
     radius
         Radius of the ball [m], as in `attach_ball`.
     where
-        What an error names as the place.
+        Place for error messages.
 
     Raises
     ------

@@ -34,9 +34,9 @@ def build_cables(
     pulled_last
         Whether a cable is pulled at its last via point, else at its first (n_cables,).
     placed
-        Cable -> parameter -> derivatives of its via points by that, as weighted points whose weights sum to zero.
+        Cable -> parameter -> derivatives of its via points by the parameter, as weighted points whose weights sum to 0.
     stated, slowness
-        As of `CableTerm`.
+        See `CableTerm`.
     """
     ptr, support, sigma, cable, order = [0], [], [], [], list[int]()
     for c, via in enumerate(supports.values()):

@@ -57,12 +57,12 @@ class ChamberWall(NamedTuple):
 
 
 class Filling(NamedTuple):
-    """What a chamber is filled with, at the values of its parameters.
+    """The content of a chamber, a gas or a liquid, at the values of its parameters.
 
     Attributes
     ----------
     compliance
-        Of the hoses [m^3/Pa].
+        Compliance of the hoses [m^3/Pa].
     gas
         Volume of gas at p = 0 [m^3]; zero of a liquid.
     exponent
@@ -247,7 +247,7 @@ class ChamberTerm(ActuatorTerm):
         return self.shape_coordinates(given.state.x) + self.filling(given.theta).swallowed(self._pressure(given))
 
     def filling(self, theta: Mapping[str, float]) -> Filling:
-        """What it is filled with, at values of the parameters [SI]."""
+        """The content of the chamber at values of the parameters [SI]."""
         values = {key: theta[f"{self.name}.{key}"] for key in self.stated}
         gas = self.rest_volume + values.get("dead_volume", 0.0) if self.is_gas else 0.0
         return Filling(values.get("hose_compliance", 0.0), gas, values.get("polytropic_exponent", 1.0))
@@ -288,7 +288,7 @@ def _vector_area(x: Floats, W: Floats) -> Floats:
 
 @cache
 def _shapes(k: int) -> tuple[Floats, Floats, Floats]:
-    """Those of a face of k nodes at the points of quadrature (6, k)."""
+    """Shape functions of a face of k nodes and their derivatives, at the quadrature points (6, k)."""
     return face_shapes(k, _POINTS)
 
 

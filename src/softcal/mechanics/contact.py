@@ -90,14 +90,14 @@ class ContactTerm(Term):
     X
         Vertices at rest (n_vertices, 3) [m].
     area
-        Of each pressing point's part of the surface at rest (n_pressing,) [m^2].
+        Area of each pressing point's part of the surface at rest (n_pressing,) [m^2].
     faces
         The cores' triangles by vertices (k, 3).
     reach
         Distance from a core from which on a point is pressed (n_pressing,) [m]: `depth`, or less where it is near at
         rest.
     depth
-        Of the cores below their surfaces [m].
+        Depth of the cores below their surfaces [m].
     stiffness
         Pressure at an overlap of `depth`.
     apart
@@ -134,7 +134,7 @@ class ContactTerm(Term):
         return self.stiffness.parameters
 
     def add(self, into: Sum, given: Given) -> None:
-        """Which points touch changes from state to state, so the tangent is outside the pattern."""
+        """The touching points change from state to state, so the tangent is outside the pattern."""
         V = self.vertices(given.state.x)
         stiffness = self.stiffness.at(given.theta)
         pairs, _, gradient, pressed, blocks = self._push(
@@ -193,7 +193,7 @@ class ContactTerm(Term):
         return points, simplices, self.reach[points] - distances(V, points, simplices)
 
     def in_words(self) -> str:
-        """What presses, and how many points do so from a shorter distance than the others, for a table."""
+        """Text for a table on the pressing surfaces, and the number of points with a shorter reach than the others."""
         n, near = len(self.reach), int(np.count_nonzero(self.reach < self.depth))
         pressure, depth = self.stiffness.in_words(), format_quantity(self.depth, "m", digits=2)
         return f"{n:,} points, {near:,} of them near a surface at rest; {pressure} at an overlap of {depth}"

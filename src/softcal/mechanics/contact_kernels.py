@@ -25,7 +25,7 @@ NEAREST = 0.1  # of a distance, below which a point is taken for one that touche
 
 
 class Meeting(NamedTuple):
-    """What may touch: the first vertices as points, and triangles.
+    """Candidates for contact: the first vertices as points, and triangles.
 
     Attributes
     ----------
@@ -330,7 +330,7 @@ def law(overlap: float, depth: float, onset: float) -> tuple[float, float, float
     overlap
         How far the point is within the reach [m].
     depth
-        Of the core below its surface [m].
+        Depth of the core below its surface [m].
     onset
         Overlap over which the slope rises [m].
     """

@@ -59,21 +59,21 @@ class Skins:
     touch_owner: Ints
 
     def crossings(self, x: Floats) -> Crossings:
-        """The bodies that cross at positions x (n_points, 3) [m], except those that cross at rest already."""
+        """The bodies that intersect at positions x (n_points, 3) [m], except pairs that intersect at rest."""
         found = self._crossings(self._vertices(x))
         for pair, depth in self._overlaps(x).items():
             found[pair] = max(found.get(pair, 0.0), depth)
         return {pair: depth for pair, depth in found.items() if pair not in self.at_rest}
 
     def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
-        """The same without depths, which for one body is found much faster."""
+        """The same pairs without depths, which is much faster for one body."""
         if len(self.names) == 1 and not self.at_rest:
             crosses = self._overlaps(x) or self._intersect(self._taken_in(self._vertices(x)))
             return frozenset([(self.names[0], self.names[0])] if crosses else [])
         return frozenset(self.crossings(x))
 
     def _overlaps(self, x: Floats) -> Crossings:
-        """The bodies of which points would press, and how far [m] they are beyond the other's surface."""
+        """The bodies whose points would be in contact, and their largest depth [m] beyond the other's surface."""
         points, simplices, depth = self.touch.overlaps(x)
         press = depth > TOUCH * self.touch.depth
         return self._deepest(self.touch_owner[points[press]], self.touch_owner[simplices[press, 0]], depth[press])
@@ -113,7 +113,7 @@ class Skins:
         return self.weights @ x[self.points]
 
     def _taken_in(self, x: Floats) -> Floats:
-        """The vertices (n, 3) moved inwards, along the mean of the normals of the faces around by their areas."""
+        """The vertices (n, 3) moved inwards along the area-weighted mean normal of their adjacent faces."""
         a, b, c = (x[self.faces[:, k]] for k in range(3))
         area = np.cross(b - a, c - a)
         normals = np.column_stack(
@@ -137,7 +137,7 @@ class Skins:
 
 
 def _depth(edge: Floats, face: Floats) -> Floats:
-    """How far [m] the nearer end of each edge (m, 2, 3) is beyond the face (m, 3, 3) that it passes through, or 0."""
+    """Depth [m] of the nearer end of each edge (m, 2, 3) beyond the face (m, 3, 3) that it passes through, or 0."""
     a, b, c = face[:, 0], face[:, 1], face[:, 2]
     normal = np.cross(b - a, c - a)
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]

@@ -165,7 +165,7 @@ class DriveTerm(ActuatorTerm):
             one.efforts += np.where(given.controls.is_held, 0.0, rates)
 
     def coordinate_scales(self, extent: float) -> Floats:
-        """Of the angle one radian, and a torque."""
+        """Scales of the angle, one radian, and of the torque."""
         return np.array([1.0, UNIT_FORCE * extent])
 
     def energy(self, given: Given) -> float:
@@ -183,7 +183,7 @@ class DriveTerm(ActuatorTerm):
         return float(stored - torque * lag - play)
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
-        """With the acceleration of its rotor."""
+        """The term in time, with the inertia of its rotor."""
         pulley, k = self.first + 1, step.mass_rate
         if not self.swings:
             return (self,)

@@ -55,7 +55,7 @@ class Dynamics:
 
     @property
     def n_factorisations(self) -> int:
-        """Number in all steps so far."""
+        """Number of factorisations in all steps so far."""
         return self._statics.n_factorisations
 
     def advance(self, now: Instant, step: float, drive: Drive) -> Instant:
@@ -179,7 +179,7 @@ class Dynamics:
         time = now.time + step
         why_not = system.why_not(state) or ("" if np.isfinite(state.x).all() else "a position is not finite")
         if why_not:
-            raise SimulationError(f"One linear solve goes too far at {time:.6g} s: {why_not}. {ADVICE}")
+            raise SimulationError(f"One linear solve overshoots at {time:.6g} s: {why_not}. {ADVICE}")
         if system.free_way(start, state) < 1.0:
             raise SimulationError(f"One linear solve passes through a contact at {time:.6g} s. {ADVICE}")
         return after(now, system.advanced(state, free, self.theta), step)

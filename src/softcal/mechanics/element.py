@@ -88,7 +88,7 @@ class Element:
         tets
             Nodes of its tets (n_tets, n_a).
         where
-            What an error names as the place.
+            Place for error messages.
 
         Raises
         ------

@@ -172,8 +172,8 @@ class Inertia:
         return InertialForces(full, np.concatenate([force, axial(self._turned(rotation, A, B))], axis=1))
 
     def tangent(self, rotation: Floats, accelerations: Rates, rate: float) -> Floats:
-        """Derivative (n, 6, 6) of the moving frames' forces by their increments: the second derivative of the potential
-        that they have where accelerations follow positions and rotations.
+        """Derivative (n, 6, 6) of the moving frames' forces by their increments: the second derivative of the forces'
+        potential, for accelerations that are functions of positions and rotations.
 
         Parameters
         ----------

@@ -29,13 +29,13 @@ class Layout:
     X
         Positions of the points at rest (n_points, 3) [m].
     rider
-        Of each point FREE, FIXED, TIED, or the number of its frame (n_points,).
+        FREE, FIXED, TIED or the number of its frame, for each point (n_points,).
     references
         Reference points of the frames at rest (n_frames, 3) [m].
     n_pressures, n_actuators
         Numbers of nodal pressures and of efforts.
     n_fixed_frames
-        Number of frames, the last ones, that do not move.
+        Number of frames that do not move; they are the last ones.
     ties
         The masters of the tied points.
     """

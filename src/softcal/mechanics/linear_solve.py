@@ -307,7 +307,7 @@ class Accelerate:
         return _accelerate()[f"{name}_{self._precision}"]
 
     def _check(self, what: str, right: bool) -> None:
-        """Raise where Accelerate has reported an error, or the caller found one."""
+        """Raise an error that Accelerate has reported, or that the caller has noticed."""
         if self._faults or not right:
             said = "; ".join([what, *self._faults])
             self._faults.clear()
@@ -315,7 +315,7 @@ class Accelerate:
 
 
 def _destroy(function: Any, numeric: _Numeric) -> None:
-    """Free what Accelerate holds; also called when its owner is collected, or at exit."""
+    """Free the memory of the factors in Accelerate; also called when their owner is collected, or at exit."""
     if numeric.factors or numeric.symbolic.factors:
         function(ctypes.byref(numeric))
         ctypes.memset(ctypes.byref(numeric), 0, ctypes.sizeof(numeric))
@@ -326,7 +326,7 @@ def _bytes(n: int) -> np.ndarray:
 
 
 def _inertia(library: Any, precision: str) -> Any:
-    """Its function that counts the signs of the pivots; raises AttributeError before macOS 13."""
+    """Accelerate's function that counts the signs of the pivots; raises AttributeError before macOS 13."""
     return library[_INERTIA.format(len(f"SparseOpaqueFactorization_{precision}"), precision)]
 
 

@@ -26,7 +26,7 @@ class Ties:
     point, master
         Of each entry (n_entries,).
     weight
-        Of each entry (n_entries,) [-].
+        Weight of each entry (n_entries,) [-].
     """
 
     point: Ints

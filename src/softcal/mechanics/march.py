@@ -51,7 +51,7 @@ class CommandPath:
     nodes: tuple[Node, ...]
 
     def to(self, target: Controls) -> float | None:
-        """The line's parameter at which the commands are reached beyond the last node; None where they are not on the
+        """The parameter c of the target commands on the line, beyond its last node; None where they are not on this
         line.
         """
         line = self.line
@@ -74,17 +74,17 @@ class Reached:
     Attributes
     ----------
     state
-        The equilibrium, with the memory that it leaves to the next one.
+        The equilibrium, with its memory for the next one.
     controls
         The controls there.
     by_parameter
         dz/dtheta (n_unknowns, k).
     snaps, has_snapped
-        Whether the robot snapped through on the line to it, and whether there or before.
+        Whether the robot snapped through on the line to this equilibrium, and whether on this line or any before it.
     commanded
-        The line to it; None where the next one cannot continue it.
+        The line to this equilibrium; None where the next line cannot continue it.
     tangent
-        Number of its tangent, among those of its statics.
+        Number of its tangent among the tangents of the statics.
     """
 
     state: State
@@ -106,7 +106,7 @@ class Target:
         The commands; `is_held` marks the actuators that are commanded by their effort, all others are by their
         coordinate.
     names
-        Of the parameters by which derivatives are wanted (k,).
+        Names of the parameters by which derivatives are wanted (k,).
     rates
         Derivatives of the commands by these (n_actuators, k); None: they are fixed.
     """
@@ -156,7 +156,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
         if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
             state, why_not = _settled(statics, line, state)
             if why_not:
-                raise SimulationError(f"no equilibrium a time later under the same commands: {why_not}.")
+                raise SimulationError(f"no equilibrium after further time under the same commands: {why_not}.")
             node, commanded = stable_node_at(statics, line, end, state, ()), None
             snaps |= node.is_snapped
         elif not commanded.nodes and (node := _at_once(statics, line, state, last)) is not None:
@@ -366,7 +366,7 @@ def by_command(statics: Statics, state: State, now: Controls, target: Controls, 
 
 
 def _line(start: Controls, target: Controls) -> Line:
-    """The line from the start (c = 0) to the target (c = 1); what is held at a limit stays there."""
+    """The line from the start (c = 0) to the target (c = 1); actuators at a limit stay there."""
     return Line(
         start.is_held,
         start.effort,

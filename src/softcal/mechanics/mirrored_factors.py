@@ -38,7 +38,7 @@ class MirroredPattern:
         Parameters
         ----------
         data, touch, near
-            As of `TouchedPattern.factorise`.
+            See `TouchedPattern.factorise`.
 
         Raises
         ------

@@ -60,7 +60,7 @@ def boxes(before: Floats, after: Floats, cells: Ints, order: Ints, around: Float
     around
         By how much each cell's box is wider on every side (n,) [m].
     depth
-        Of the tree; at least `depth_of`.
+        Depth of the tree; at least `depth_of`.
     """
     n, inner = len(order), (1 << depth) - 1
     first = 2 * inner + 1  # of the cells
@@ -155,7 +155,7 @@ def pairs_beside(a: Floats, b: Floats, a_order: Ints, b_order: Ints, depth: int)
     a_order, b_order
         Orders of their cells.
     depth
-        Of both trees.
+        Depth of both trees.
     """
     n, m, inner = len(a_order), len(b_order), (1 << depth) - 1
     first = 2 * inner + 1

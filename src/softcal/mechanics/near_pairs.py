@@ -9,8 +9,8 @@ from softcal.mechanics.contact_kernels import NEAREST, Meeting, distances, near
 
 
 class NearPairs:
-    """The pairs that touch at given vertices, or may meet on the way between two, are among those that it gives: which
-    others are among them depends on where they were searched for last, and does not count.
+    """Candidate pairs: all that touch at some positions of the vertices, or may meet between two positions. Which other
+    pairs are among them depends on the positions of the last search, and has no effect.
 
     Pairs are searched for anew where a vertex is further than `slack` [m] from where it was. Within that, distances
     change by up to twice the slack, and pairs that are not kept

@@ -211,7 +211,7 @@ def _at(columns: list[int], values: Floats, n: int) -> Floats:
 
 
 def pushing(system: System, state: State) -> np.ndarray:
-    """Which actuators' efforts are outside their limits (n_actuators,), as of a cable in compression: such a state is
+    """Mask (n_actuators,) of the efforts outside their limits, as of a cable in compression: such a state is
     at most an intermediate one.
     """
     (least, most), none = system.effort_limits, np.zeros_like(state.effort)

@@ -93,12 +93,12 @@ class Path:
 
     @property
     def snaps(self) -> bool:
-        """Whether a snap-through occurs along it, other than before its first node, as under the loads alone."""
+        """Whether a snap-through occurs along the path, not before its first node, as under the loads alone."""
         return any(node.is_snapped for node in self.nodes[1:])
 
     @property
     def is_smooth(self) -> bool:
-        """Whether its end was reached without a snap-through."""
+        """Whether the path reached its end without a snap-through."""
         return self.reached and not self.snaps
 
     @property
@@ -396,14 +396,14 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
 
 
 def go_on_from(statics: Statics, node: Node) -> None:
-    """Continue from a node: free modes appear with the first buckling, and are the node's until they are found anew."""
+    """Continue from a node, with its free modes until new ones are computed: they appear with the first buckling."""
     statics.free_modes, statics.seeks_free_modes = node.free, node.has_snapped or node.is_snapped
 
 
 def strays(statics: Statics, before: State, guess: State, solved: State) -> bool:
-    """Whether an equilibrium may be on another branch: it is further from the prediction than that is from the
-    equilibrium before, or an actuator was reversed. With contact only the latter counts, since predictions are less
-    accurate.
+    """Whether an equilibrium may be on another branch: it is further from the prediction than the
+    prediction from the previous equilibrium, or an actuator was reversed. With contact only a reversal counts, since
+    predictions are less accurate.
 
     Parameters
     ----------

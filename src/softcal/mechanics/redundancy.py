@@ -71,7 +71,7 @@ def redundant(gradients: Floats, elastic: Floats) -> Ints:
 
 
 def redundant_sentence(actuators: Sequence[ActuatorLimits]) -> str:
-    """Sentence on why there is no such state, and on how to avoid it."""
+    """Sentence on why the coordinates of actuators cannot all be prescribed, and on how to avoid this."""
     names = [actuator.name for actuator in actuators]
     if len(actuators) == 1:
         return f"Nothing that can move changes the {actuators[0].coordinate} of {names[0]}: it cannot be prescribed."

@@ -65,7 +65,7 @@ class RodTerm(Term):
     name
         What its parameters' names begin with.
     volumes
-        Of its elements at rest (n,) [m^3].
+        Volumes of its elements at rest (n,) [m^3].
     frames
         Frames that each element's ends ride on (n, 2).
     arm, triad
@@ -335,7 +335,7 @@ def build_rod(
     ends = np.stack([first, first + 1], axis=1)
     ends = ends[frame[ends[:, 0]] != frame[ends[:, 1]]]
     if len(ends) == 0:
-        raise MeshError(Fault("all of a rod rides on one frame", where=name, attempt="leave the rod out"))
+        raise MeshError(Fault("all nodes of a rod are attached to one frame", where=name, attempt="leave the rod out"))
     nodes, triads = np.array(centreline.nodes), np.array(centreline.triads)
     xi, turn = np.empty((len(ends), 6)), np.empty(len(ends))
     still, no_arm = np.tile(np.eye(3), (m, 1, 1)), np.zeros((len(ends), 2, 3))

@@ -32,7 +32,7 @@ def flexibility(section: CrossSection, shares: Floats, xi: Floats, length: Float
     section
         The rod's section.
     shares
-        Of the rod's arc length, at both ends of each element (n, 2) [-].
+        Shares of the rod's arc length, at both ends of each element (n, 2) [-].
     xi
         Coordinates (rho, theta) of the elements at rest (n, 6) [m; rad].
     length

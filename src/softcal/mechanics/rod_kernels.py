@@ -265,7 +265,7 @@ def _spread(K: Floats, e_ab: Floats, arm_b: Floats, KT: Floats, out: Floats) -> 
 
 @kernel(error_model="numpy")
 def _bend(out: Floats, g: Floats, g_eta: Floats, e_ab: Floats, arm_b: Floats) -> None:
-    """Add what the second derivatives of P and eta by the increments make of g = dE/dP and dE/d eta."""
+    """Add the products of g = dE/dP and dE/d eta with the second derivatives of P and eta by the increments."""
     ge = g[0] * e_ab[0] + g[1] * e_ab[1] + g[2] * e_ab[2]
     gl = g[0] * arm_b[0] + g[1] * arm_b[1] + g[2] * arm_b[2]
     for i in range(3):

@@ -141,7 +141,7 @@ def tangent_map(theta: Floats, beta: float, A: Floats) -> None:
     theta
         Rotation vector (3,) [rad].
     beta
-        As of `coefficients`.
+        See `coefficients`.
     A
         The map (3, 3), written.
     """
@@ -164,7 +164,7 @@ def turning(f: Floats, theta: Floats, beta: float, b1: float, G: Floats, w: Floa
     theta
         Rotation vector (3,) [rad].
     beta, b1
-        As of `coefficients`.
+        See `coefficients`.
     G
         G(f) (3, 3), written.
     w
@@ -192,7 +192,7 @@ def second_derivative(f: Floats, P: Floats, theta: Floats, beta: float, b1: floa
     theta
         Rotation vector (3,) [rad].
     beta, b1, b2
-        As of `coefficients`.
+        See `coefficients`.
     H
         The derivative (3, 3), written.
     """

@@ -91,7 +91,7 @@ class SolidTerm(Term):
     Attributes
     ----------
     name
-        Of the material, before its parameters' names.
+        Name of the material, before its parameters' names.
     law, compiled
         The law, and its derivatives to evaluate.
     conn
@@ -256,7 +256,7 @@ class SolidTerm(Term):
             solid_kernels.add_stress_gradient(into.full, self.conn, self.dN, self.w, given.known[0], S)
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
-        """The derivative of the memory at the quadrature points that the state leaves, by a parameter."""
+        """The derivative by a parameter of the memory after the state, at the quadrature points."""
         if not self.history.parts:
             return memory_rate
         dF = np.empty_like(given.known[0])

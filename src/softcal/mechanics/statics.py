@@ -133,7 +133,7 @@ class Statics:
             self._kept.keep(key, names, KeptNode(node, next_step, self.n_factorisations - since))
 
     def is_in_vain(self, key: Hashable) -> bool:
-        """Whether an attempt is known to fail; its factorisations count again."""
+        """Whether the same attempt failed before; its factorisations then count again."""
         n = None if self._kept is None else self._kept.in_vain.get(key)
         self._n_repeated += n or 0
         return n is not None
@@ -205,7 +205,7 @@ class Statics:
         at
             The linearisation.
         drag
-            Of every point and frame against its motion [N/m], see `stiffness`.
+            Drag of every point and frame against its motion [N/m], see `stiffness`.
         free
             Modes (n_unknowns - n_actuators, k) excluded from solutions, see `exclude`.
 

@@ -201,7 +201,7 @@ class System:
 
     @cached_property
     def remembers(self) -> bool:
-        """Whether a term does: then a protocol's samples form a load path, and are solved in their order."""
+        """Whether any term has a memory: a protocol's samples then form a load path, and are solved in their order."""
         return len(self._first_memory) > 0
 
     def given(
@@ -283,7 +283,7 @@ class System:
         return min((one for one in each if one is not None), key=lambda one: one.J, default=None)
 
     def place(self, failing: Failing) -> str:
-        """Where an element fails, as part of a sentence."""
+        """The place of an element that fails, as part of a sentence."""
         away = {name: float(np.linalg.norm(at - failing.at)) for name, at in self.landmarks.items()}
         near = min((name for name in away if away[name] < NEAR * failing.size), key=lambda name: away[name], default="")
         beside = f", at {near} {_millimetres(self.landmarks[near])}" if near else ""
@@ -358,7 +358,7 @@ class System:
 
     @cached_property
     def followers(self) -> Mapping[str, Ints]:
-        """Actuator -> numbers of those that have no command but its own, such as the cables of a drive."""
+        """Actuator -> numbers of the actuators that follow its commands, such as the cables of a drive."""
         return {name: numbers for term in self.actuated for name, numbers in term.followers.items()}
 
     @cached_property
@@ -382,7 +382,7 @@ class System:
         dz
             Rates of the unknowns (n_unknowns, k).
         names
-            Parameters of which these are derivatives (k,), or "".
+            Names (k,) of the parameters by which `dz` has the derivatives, or "".
         """
         n, remembered = self.layout.first_effort_unknown, {} if state.memory is None else state.memory.by_parameter
         out = np.zeros((len(self.actuators), len(names)))
@@ -416,7 +416,7 @@ class System:
         Parameters
         ----------
         extent
-            Of the robot [m].
+            Extent of the robot [m].
         theta
             Values of the parameters by dotted name [SI].
         effort
@@ -426,7 +426,7 @@ class System:
         return np.concatenate([NOTHING, *each])
 
     def at_limit(self, x: Floats) -> str:
-        """What keeps actuators from moving further, as part of a sentence; "" where nothing does."""
+        """The obstacle to further motion of actuators, as part of a sentence; "" without one."""
         return ", ".join(filter(None, (term.at_limit(x) for term in self.actuated)))
 
     def drive(self, state: State, i: int, theta: Theta) -> Border:

@@ -72,13 +72,13 @@ class Lines:
     Attributes
     ----------
     names
-        Of the cables.
+        Names of the cables.
     mu
         Friction coefficient at via points [-].
     softness
         1 / EA [1/N]; zero without stretch.
     compliance
-        Of the machine that pulls [m/N].
+        Compliance of the machine that pulls [m/N].
     pretension
         Tension at zero shortening of the robot at rest [N].
     presliding

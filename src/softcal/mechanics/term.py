@@ -259,15 +259,15 @@ class Term(ABC):
     def energy(self, given: Given) -> float:
         """The potential [J] whose derivative the gradient is; without what has none, as friction."""
 
-    # A term that remembers (see `memory.py`) has these four, too.
+    # A term with a memory (see `memory.py`) has these four methods, too.
 
     def first_memory(self) -> Floats:
-        """Its memory before the first sample (n,), in its own units; empty where it does not remember."""
+        """The memory (n,) of the term before the first sample, in units of its own; empty for a term without memory."""
         return NOTHING
 
     def advance(self, given: Given) -> Floats:
-        """Its memory (n,) after the converged sample `given`. At that sample's state the new memory leaves the gradient
-        as it was.
+        """The memory (n,) of the term after the converged sample `given`. At that sample's state it leaves the gradient
+        unchanged.
         """
         return given.memory
 
@@ -292,7 +292,7 @@ class Term(ABC):
         given
             The arguments of the term.
         parameter
-            Its dotted name.
+            Dotted name of the parameter.
         rate
             Derivatives of the state's arrays, such as dx/dtheta in `rate.x`.
         memory_rate
@@ -304,7 +304,7 @@ class Term(ABC):
         """Add its contribution to the sizes by which the robot's equations are scaled."""
 
     def remark(self, state: State, theta: Theta) -> str:
-        """Remark on a solution for the user, as a sentence with a blank before it; "" where there is none."""
+        """Remark on a solution for the user, as a sentence with a blank before it; "" without a remark."""
         return ""
 
     def why_unlike(self, state: State) -> str:
@@ -344,6 +344,6 @@ class ByTheta(Generic[Of]):
 
 
 def part_theta(theta: Mapping[str, Of], name: str) -> dict[str, Of]:
-    """The entries of one body or rod, without its name in front."""
+    """The parameters of one body or rod, without the prefix of its name."""
     prefix = f"{name}."
     return {key.removeprefix(prefix): value for key, value in theta.items() if key.startswith(prefix)}

@@ -72,7 +72,7 @@ class InertialTerm(Term):
     step: TimeStep
 
     def connectivity(self, layout: Layout) -> Connectivity:
-        """The points that share an element's mass; frames have entries of their own anyway."""
+        """The pairs of points that share an element's mass; frames have entries in the tangent without them."""
         pairs = self.inertia.pairs
         return Connectivity([np.stack([pairs.row, pairs.col], axis=1).astype(np.int64)])
 

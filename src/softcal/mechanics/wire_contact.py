@@ -78,7 +78,7 @@ class WireContactTerm(Term):
         return self.stiffness.parameters
 
     def add(self, into: Sum, given: Given) -> None:
-        """What touches changes from state to state, so the tangent is outside the pattern."""
+        """The pairs in contact change from state to state, so the tangent is outside the pattern."""
         import scipy.sparse as sp
 
         for potential, contacts, at in self._pushing(given):
@@ -117,7 +117,7 @@ class WireContactTerm(Term):
         return float(free)
 
     def in_words(self) -> str:
-        """From which distance on wires push, for a table."""
+        """Text on the distance from which on wires push, for a table."""
         other = "discs" if len(self.faces) else "each other"
         return f"wires push {other} from {format_quantity(self.gap, 'm', digits=2)} on"
 
@@ -190,7 +190,7 @@ def collision_mesh(X: Floats, edges: Ints, faces: Ints, patch: Ints, apart: Ints
     edges, faces
         Their vertices (m, 2), (k, 3).
     patch, apart
-        As of `WireContactTerm`.
+        See `WireContactTerm`.
     """
     import ipctk
 

@@ -21,7 +21,7 @@ Turn = tuple[Angle, Angle, Angle]
 
 @dataclass(frozen=True)
 class Base:
-    """Fixed markers: with a known place in the base's frame, with an unknown place, and markers of another size."""
+    """The fixed markers: poses in the base's frame, markers without a known pose, and sizes that differ [m]."""
 
     placed: Mapping[int, Pose]
     companions: tuple[int, ...] = ()
@@ -29,7 +29,7 @@ class Base:
 
 
 class BaseMarkerSection(Section):
-    """Place of a marker of the base."""
+    """Pose and size of a marker of the base."""
 
     at: Point
     rotation_vector: Turn = (0.0, 0.0, 0.0)

@@ -52,7 +52,7 @@ def check_test(
 
 
 def held_robot(robot: Robot, held: Mapping[str, float]) -> Robot:
-    """The robot with fixed values in place of its own."""
+    """The robot with fixed values of parameters in place of its own values."""
     of_robot = robot_parameters(robot)
     return with_parameters(robot, {name: value for name, value in held.items() if name in of_robot})
 

@@ -45,7 +45,7 @@ class CandidateSection(Section):
 
     @property
     def reach(self) -> dict[str, float]:
-        """How far it is driven [SI], by the control that is stated."""
+        """The largest command [SI] of the test, by the stated control."""
         controls = ("shortening", "tension", "volume", "pressure", "angle", "torque")
         return {control: value for control in controls if (value := getattr(self, control)) is not None}
 

@@ -27,7 +27,7 @@ class Entry:
 class Document:
     """A parsed YAML file: mappings, lists, text, numbers, and the line of each by key path.
 
-    places: place of each entry that replaces one of the file, by key path.
+    places: key path -> where an entry comes from that replaces one of the file, for messages.
     """
 
     name: str
@@ -156,7 +156,7 @@ class Findings:
             self.take(path, error.faults)
 
     def take(self, path: KeyPath, faults: Iterable[Fault]) -> None:
-        """Record faults at `path`, each with its own place below it."""
+        """Record faults at `path`, each with its key path below it."""
         place = self.document.where(path)
         for fault in faults:
             said = not fault.where or dotted(path).endswith(fault.where)

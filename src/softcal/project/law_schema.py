@@ -73,7 +73,7 @@ def register_laws(sections: Mapping[str, OwnLawSection], findings: Findings) -> 
 
 @contextmanager
 def at_law(name: str, findings: Findings) -> Generator[None]:
-    """Record the faults of an `InputError` raised inside, each at the key of its law."""
+    """Context that records the faults of an `InputError`, each at the key of its law."""
     try:
         yield
     except InputError as error:

@@ -31,7 +31,7 @@ class ObstacleSection(Section):
 
     @property
     def shape(self) -> Obstacle | None:
-        """The one that is present."""
+        """The obstacle that is present."""
         return self.half_space or self.sphere or self.box
 
 

@@ -45,7 +45,7 @@ def require_at_rest(law: str, theta: Mapping[str, float], directions: Floats, fi
             texts = normalize("NFKC", " ".join((of.distortional, of.bulk, *of.symbols.values())))
             for name in of.names:
                 if normalize("NFKC", name) not in re.findall(r"\w+", texts):
-                    findings.warn(("laws", law, "constants", name), "no text has this constant: it has no effect")
+                    findings.warn(("laws", law, "constants", name), "no expression has this constant: it has no effect")
 
 
 def read_laws(path: Path) -> None:

@@ -187,7 +187,7 @@ def _check_overlaps(robot: Robot, where: _Where, findings: Findings) -> None:
             if depth > 0.0:
                 findings.warn(
                     where(rod.name),
-                    f"the rod runs through {name}, which does not hold it",
+                    f"the rod runs through {name} and is not attached to it",
                     got=f"{format_quantity(depth, 'm')} deep",
                     attempt=f"clamped: {{{name}: station}}, where {name} is a plate",
                 )

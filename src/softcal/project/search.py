@@ -21,7 +21,7 @@ from softcal.twin.parameters import ParameterInfo, kind_by_name, kinds_of_quanti
 from softcal.units import parse_quantity
 
 OF_RIG = ("frame", "pulleys")
-"""Owners of parameters beside the parts of the robot."""
+"""Owners of the rig's parameters; all other owners are parts of the robot."""
 
 
 def build_search(

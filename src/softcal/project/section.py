@@ -87,7 +87,7 @@ Given = Annotated[str | float, Reading(_given, "instead")]
 
 
 def numbered(value: object) -> object:
-    """As `listed`, and a bare number as a list of that number."""
+    """See `listed`; also takes a bare number as a list of one."""
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else listed(value)
 
 
@@ -212,7 +212,7 @@ _KINDS = {
 
 
 def _wording(found: Any) -> tuple[str, str, str]:
-    """What, got and allowed for one of pydantic's own errors."""
+    """Texts `what`, `got` and `allowed` of a fault for one of pydantic's own errors."""
     kind, context, got = found["type"], found.get("ctx", {}), shown(found["input"])
     if kind == "missing" and isinstance(found["loc"][-1], int):
         return "the list is too short", "", f"an entry number {found['loc'][-1] + 1}"

@@ -128,8 +128,8 @@ def agreement_text(one: Agreement, name: str) -> str:
 
 
 def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[Remark]:
-    """How the experiments of a joint fit differ: a warning per parameter in which they differ, and with what, and a
-    sentence on all other parameters.
+    """Remarks on the differences between the experiments of a joint fit: a warning per parameter in which they differ,
+    with its trend, and a sentence on all other parameters.
 
     records: experiment -> its record with times, for the speeds.
     """
@@ -155,7 +155,7 @@ def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None
 
 
 def _holm(result: SearchResult) -> str:
-    """What is added to a chance of one of several comparisons, each of which is corrected for the others."""
+    """The note behind the p-value of one of several comparisons, each of which is corrected for the others."""
     n = len(result.spreads)
     return f", Holm's correction for {n} comparisons" if n > 1 else ""
 
@@ -215,15 +215,15 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
 
 
 def _own_values(one: Spread, mean: float, text: Callable[[float], str]) -> tuple[str, str]:
-    """The tests' own values, of many those furthest from a mean, and how many others there are."""
+    """The own values of the tests, or of many tests those furthest from a mean, and the number of the others."""
     far, others = worst(one.values.items(), lambda pair: abs(pair[1] - mean))
     values = joined(f"{text(value)} ({test})" for test, value in far)
     return values, f" ({len(others)} others lie nearer to the mean)" if others else ""
 
 
 def residual_sentences(result: SearchResult) -> list[Remark]:
-    """Where residuals are a curve and no noise, where a usual cause is in them beyond chance, single samples that are
-    far off, steps of readings: warnings. Where neighbouring ones are alike, so that samples tell less than their
+    """Warnings on residuals that are a curve and no noise, on a usual cause in them beyond chance, on outliers and on
+    steps of readings; a note on neighbouring residuals that are alike, so that samples are worth less than their
     number. Of many records, the worst are named.
     """
     each = [(e, c, one) for e, held in result.residuals.items() for c, one in held.items()]
@@ -264,7 +264,7 @@ def residual_sentences(result: SearchResult) -> list[Remark]:
 
 
 def _curve_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
-    """How large a curve of residuals is, and where it is largest."""
+    """Size of a curve of residuals, and the place where it is largest."""
     size = format_quantity(one.size, fit.units[channel], digits=2)
     where = "at the start" if one.largest < 0.1 else "at the end" if one.largest > 0.9 else ""
     where = where or f"{100 * one.largest:.0f} % along the record"
@@ -280,7 +280,7 @@ def _shares_text(causes: Iterable[tuple[str, float]]) -> str:
 
 
 def _cause_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
-    """What is in residuals beside noise, how sure that is, and what it explains."""
+    """The cause in residuals beside noise, its significance, and the share that it explains."""
     size = format_quantity(one.size, fit.units[channel], digits=2)
     causes = _shares_text(list(one.explained.items())[:2])
     by = (
@@ -296,7 +296,7 @@ def _outliers_text(experiment: str, channel: str, one: ResidualRecord) -> str:
 
 
 def chance_text(one: Agreement | Spread) -> str:
-    """As "p = 0.31", "p < 1e-10"; of few tests, which do not show the tails of their errors, the level compared at."""
+    """Text such as "p = 0.31" or "p < 1e-10"; for few tests, whose errors have unknown tails, the level of the test."""
     if one.chance is not None and one.dof + 1 < ENOUGH:
         return f"at the {100 * DIFFERS:.0f} % level"
     return "p unknown" if one.chance is None else _chance_text(one.chance)
@@ -326,7 +326,7 @@ def range_text(one: Agreement) -> str:
 
 
 def left_out_sentence(result: SearchResult) -> str:
-    """How well the experiments predict each other; "" where there are fewer than three."""
+    """Sentence on how well the experiments predict each other; "" for fewer than three."""
     shares: list[float] = []
     for name, prediction in result.left_out.items():
         measured = result.experiments[name].measured

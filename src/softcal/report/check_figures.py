@@ -273,7 +273,7 @@ def region_colours(robot: Robot, body: Body, faces: Ints, colour: str) -> Floats
     faces
         Nodes of each face, corners first (n, 3 or more).
     colour
-        Of the other faces.
+        Colour of the other faces.
     """
     from matplotlib.colors import to_rgb
 

@@ -48,12 +48,12 @@ class Miss:
 
     @property
     def of(self) -> str:
-        """What the error is of: "force", or "force of front"."""
+        """Name of the quantity with the error: "force", or "force of front"."""
         return of_carrier(self.word, self.carrier)
 
     @property
     def place(self) -> str:
-        """Where it is: the experiment, with the carrier."""
+        """Place of the error: the experiment, with the carrier."""
         return f"{self.experiment}, {self.carrier}" if self.carrier else self.experiment
 
 

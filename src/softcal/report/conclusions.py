@@ -51,7 +51,7 @@ _UNIMPORTANT = 0.10
 
 
 def first_screen(content: ReportContent) -> FirstScreen:
-    """What the first screen of a report speaks of."""
+    """The contents of a report's first screen."""
     lead = headline(content).lead
     return FirstScreen(content.results, content.headline, content.samples, content.recorded, content.mesh_study, lead)
 
@@ -123,7 +123,7 @@ def conclusions(content: ReportContent) -> list[Remark]:
 
 
 def _few(sentences: Iterable[Remark], what: str) -> Iterable[Remark]:
-    """The sentences of one tone after another, of many the first and one that says how many more there are."""
+    """The sentences by tone; of many sentences the first ones, and one on the number of the others."""
     by_tone: dict[Tone, list[Remark]] = {}
     for one in sentences:
         by_tone.setdefault(one.tone, []).append(one)
@@ -139,7 +139,7 @@ def _of(label: str, results: Mapping[str, SearchResult], text: str) -> str:
 
 
 def _each(results: Mapping[str, SearchResult], make: Callable[[SearchResult], Iterable[Remark]]) -> Iterable[Remark]:
-    """What is made of each result, preceded by the label of its calibration if there are several."""
+    """The remarks that `make` returns on each result, with the label of its calibration if there are several."""
     for label, result in results.items():
         for remark in make(result):
             yield replace(remark, text=_of(label, results, remark.text))
@@ -191,7 +191,7 @@ def _gain(content: ReportContent) -> Iterable[Remark]:
 
 
 def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Iterable[Remark]:
-    """Parameters at a bound, and why; held: only those whose optimum lies beyond the bound."""
+    """Parameters at a bound, and why; held: only parameters whose optimum lies beyond the bound."""
     at_bound = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
     if held:
         at_bound = [one for one in at_bound if one[2].is_contradicted]
@@ -307,7 +307,7 @@ def _stability(content: ReportContent) -> Iterable[Remark]:
 
 
 def _notes(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
-    """What the calibrations note of themselves, once, with the labels of those that do where not all do."""
+    """The notes of the calibrations, each once; with their labels where not all calibrations have the note."""
     found: dict[str, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:

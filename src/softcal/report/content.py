@@ -81,7 +81,7 @@ class Landscape:
 @displayed
 @dataclass(frozen=True)
 class ReportContent:
-    """What a report is about: results, measurements, shapes; a figure draws from it.
+    """The content of a report: results, measurements, shapes; figures draw from it.
 
     A simulated channel without a measured one (pitch without an IMU) belongs in `ExperimentFit.simulated`.
 

@@ -1,4 +1,4 @@
-"""What is inelastic, cycle by cycle: energy lost in the loop, softening and set, measured and of the twin."""
+"""Inelastic behaviour, cycle by cycle: energy lost in the loop, softening and set, measured and of the twin."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _stem(name: str, effort: ChannelKind) -> str:
 
 
 def _columns(kinds: tuple[ChannelKind, ChannelKind]) -> tuple[tuple[str, str, int], ...]:
-    """What is told of each cycle, its unit and digits; see `_rows`."""
+    """Heading, unit and digits of each column of the table of cycles; see `_rows`."""
     word, (coordinate, effort) = in_a_word(kinds[1].name), (channel_scale(kind.unit).unit for kind in kinds)
     return (
         (f"Peak {word}", effort, 3),
@@ -68,7 +68,7 @@ def _columns(kinds: tuple[ChannelKind, ChannelKind]) -> tuple[tuple[str, str, in
 
 
 def cycle_sentences(result: SearchResult) -> list[str]:
-    """Of each experiment with whole cycles: energy lost, softening of the first cycle and set, measured and of the
+    """For each experiment with whole cycles: energy lost, softening of the first cycle and set, measured and of the
     twin.
     """
     return [cycle_sentence(name, fit) for name, fit in result.experiments.items() if fit.cycles]

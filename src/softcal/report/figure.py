@@ -98,7 +98,7 @@ class ReportFigure(FunctionMember):
 
 
 def _faults(figure: ReportFigure, _: Mapping[str, ReportFigure]) -> list[Fault]:
-    """What is wrong with a figure that is to be registered."""
+    """Faults of a figure that is to be registered."""
     if not isinstance(figure, ReportFigure):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_figure returns for a function"
         return [Fault("this is not a figure", "figure", repr(figure)[:60], allowed)]

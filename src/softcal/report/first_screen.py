@@ -41,7 +41,7 @@ _ALL = 1.0 - 1e-9  # a larger share is the whole
 
 @dataclass(frozen=True)
 class FirstScreen:
-    """What the first screen speaks of.
+    """The contents of the first screen.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class FirstScreen:
 
     @property
     def statements(self) -> list[Statement]:
-        """What is known of every parameter of the judged results: the material's first, those of single tests last."""
+        """Statements on every parameter of the judged results: of the material first, of single tests last."""
         results = self.judged
         names = sorted(ordered_parameters(results), key=lambda name: bool(parameter_name(name).experiment))
         several = len(results) > 1
@@ -89,7 +89,7 @@ class FirstScreen:
 
     @property
     def shown(self) -> tuple[list[Statement], list[Statement]]:
-        """The statements that are shown, and those that are folded away."""
+        """The statements that are shown, and the statements that are folded away."""
         statements = self.statements
         shared = [one for one in statements if not parameter_name(one.name).experiment] or statements
         n = len(statements) if len(statements) <= _FEW else len(shared[:_MOST])
@@ -114,7 +114,7 @@ def is_poor(of: FirstScreen) -> bool:
 
 
 def budget_note(of: FirstScreen) -> str:
-    """What the budgets mean, and whether they and the intervals include the mesh; "" where there is no budget."""
+    """Sentence on the meaning of the budgets, and on the mesh in them and in the intervals; "" without a budget."""
     budgets = [one.budget for one in of.statements if one.budget]
     if not budgets:
         return ""
@@ -223,7 +223,7 @@ def _largest_source(of: FirstScreen) -> str:
 
 
 def _instruments(one: Statement) -> str:
-    """Which errors of instruments, on which nothing is stated, would shift an estimate by half its interval."""
+    """Sentence on errors of instruments without a statement that would shift an estimate by half its interval."""
     kinds = {**kinds_of_quantity(), **readings()}
     errors = [
         f"{name} is off by {format_quantity(size, kind.unit, '%' if kind.unit == '1' else None, digits=2)}"
@@ -239,7 +239,7 @@ def _records(result: SearchResult) -> list[ResidualRecord]:
 
 
 def _remedy(source: ErrorSource, study: MeshStudy | None, records: Sequence[ResidualRecord]) -> str:
-    """What is known to reduce an error; "" where nothing is. records: of all channels in which the noise is."""
+    """Sentence on the remedy of an error; "" without one. records: of all channels in which the noise is."""
     if source.kind == MESH and study is not None:
         # A load on one point, or a sharp edge, has no limit: only channels with an order of convergence have.
         orders = [] if study.best is None else [change.order for change in study.best.changes]

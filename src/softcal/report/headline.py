@@ -66,22 +66,22 @@ class Headline(ABC):
 
     @property
     def label(self) -> str:
-        """What the result is called among the report's, as a sentence; "" where there can be no others."""
+        """Sentence with the name of the result among the report's results; "" where there can be only one."""
         return ""
 
     @property
     @abstractmethod
     def subject(self) -> str:
-        """What was done, a sentence."""
+        """Sentence on the work that was done."""
 
     @property
     def lead(self) -> str:
-        """What comes before the values in the summary."""
+        """Text before the values in the summary."""
         return ""
 
     @abstractmethod
     def gains(self, known: Nominal) -> list[Gain]:
-        """What all sections together gained over the nominal values, then each of them."""
+        """The gain of all sections together over the nominal values, then that of each section."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class CalibrationHeadline(Headline):
         return joined([*labels, f"{others} further parameter{'s' * (others > 1)}"])
 
     def gains(self, known: Nominal) -> list[Gain]:
-        """Of the markers alone: the loss holds every other channel too."""
+        """Gains of the markers alone: the loss also contains every other channel."""
         fits = self.result.experiments
         found = {name: {point: distance.rms for point, distance in fit.distances.items()} for name, fit in fits.items()}
         before = section_errors(self.result, {name: known.errors[name] for name in found if name in known.errors})

@@ -44,7 +44,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture]) -> str:
 
 
 def key_numbers(content: ReportContent) -> list[KeyNumber]:
-    """What was gained over the nominal values, and the errors of the headline calibration."""
+    """The gain over the nominal values, and the errors of the headline calibration."""
     numbers: list[KeyNumber] = []
     gains = improvements(content)
     if gains:

@@ -302,7 +302,7 @@ def _known(parameter: str, names: list[str]) -> str:
 
 @contextmanager
 def _drawing(ax: Axes | None, height: float = 3.6) -> Generator[Axes]:
-    """The axes that are given, in their own style, or those of a new figure in softcal's."""
+    """The axes of the argument, in their own style, or axes of a new figure in softcal's style."""
     from matplotlib.axes import Axes
 
     if ax is None:

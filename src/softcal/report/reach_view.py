@@ -26,7 +26,7 @@ SAME = 1e-3  # of the robot's size: a place within it counts as reached in the p
 
 @dataclass(frozen=True)
 class ReachView:
-    """What is drawn.
+    """The contents of the drawing.
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ def robot_points(robot: Robot) -> Floats:
 
 
 def material_colours(robot: Robot) -> dict[str, str]:
-    """Colour of each material, by its name: that of the part's own, and tints of the palette for inclusions."""
+    """Name of a material -> its colour: the part's own colour, and tints of the palette for inclusions."""
     from matplotlib.colors import to_hex, to_rgb
 
     own = {part.name: OWN for part in (*robot.bodies, *robot.rods)}
@@ -74,7 +74,7 @@ Walls = Mapping[str, Mapping[str, Ints]]
 
 
 def on_walls(faces: Ints, body: str, walls: Walls) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which of some faces actuators act on (k,).
+    """Mask (k,) of the faces that actuators act on.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def wall_labels(walls: Walls, points: Mapping[str, Floats]) -> list[Label]:
 
 
 def routed(robot: Robot) -> list[ActuatedPart]:
-    """Its actuators that have a route."""
+    """The actuators of the robot that have a route."""
     return [part for part in robot.actuated if part.route]
 
 
@@ -185,11 +185,11 @@ def plate_parts(
     plate
         The plate.
     pose
-        Of the plate's reference point [m].
+        Pose of the plate's reference point [m].
     colour
-        Of its parts.
+        Colour of its parts.
     size
-        Of the robot [m].
+        Size of the robot [m].
     opacity
         From 0 to 1.
     """

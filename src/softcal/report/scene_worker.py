@@ -38,7 +38,7 @@ def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any
     camera
         Its projection.
     height
-        Of the picture [pixels].
+        Height of the picture [pixels].
     """
     importlib.import_module("vtkmodules.vtkRenderingOpenGL2")  # makes VTK's classes below those of OpenGL
     from PIL import Image

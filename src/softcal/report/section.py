@@ -88,13 +88,13 @@ class ReportSection(FunctionMember):
     place: int = LAST
 
     def tables(self, content: ReportContent) -> list[ReportTable]:
-        """Its tables."""
+        """The tables of the section."""
         blocks = (block.table if isinstance(block, FoldedTable) else block for block in self.function(content))
         return [block for block in blocks if isinstance(block, ReportTable)]
 
 
 def _faults(section: ReportSection, _: Mapping[str, ReportSection]) -> list[Fault]:
-    """What is wrong with a section that is to be registered."""
+    """Faults of a section that is to be registered."""
     if not isinstance(section, ReportSection):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_section returns for a function"
         return [Fault("this is not a section", "section", repr(section)[:60], allowed)]

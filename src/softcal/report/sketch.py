@@ -41,7 +41,7 @@ def draw_sketch(parts: Sequence[Part], camera: Projection, behind: Sequence[Part
 
 
 def draw_parts(axes: Axes, parts: Sequence[Part], camera: Projection, behind: Sequence[Part] = ()) -> None:
-    """As `draw_sketch`, in given axes.
+    """See `draw_sketch`; draws into existing axes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is known of one parameter, in words and as a budget: value, 95 % interval, and the sources of its error.
+"""The statement on one parameter, in words and as a budget: value, 95 % interval, and the sources of its error.
 
 The budget is the variance of the estimate by source. The mesh is no random error: where a mesh study foretells the
 shift of the estimate by refinement, its square counts beside the variance, as in a mean square error. The interval does
@@ -92,7 +92,7 @@ SOURCES = (
 
 @dataclass(frozen=True)
 class Statement:
-    """What is known of one parameter.
+    """The statement on one parameter.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Statement:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the 95 % interval excludes more than a tenth of the allowed range; True where there is none."""
+        """Whether the 95 % interval excludes more than a tenth of the allowed range; True without a range."""
         return is_determined(self.estimate)
 
     @property
@@ -137,7 +137,7 @@ class Statement:
 
     @property
     def remark(self) -> str:
-        """What a reader must know beside the interval."""
+        """Remarks on the parameter beside its interval."""
         one = self.estimate
         if not self.is_determined:
             return f"the data do not determine it; the twin uses {value_text(one)}"

@@ -124,7 +124,7 @@ def carriers(kind: ChannelKind) -> tuple[str, ...]:
 
 
 def of_actuator(kind: ChannelKind) -> tuple[ChannelKind, ChannelKind]:
-    """The kinds of the coordinate and the effort of those actuators that have a channel of this kind, which drives."""
+    """The kinds of coordinate and effort of the actuators that a channel of this kind drives."""
     for sensor in SENSORS.values():
         if kind in sensor.kinds and sensor.of:
             by = {one.drives: one for one in sensor.kinds}
@@ -143,7 +143,7 @@ WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
 
 
 def in_a_word(channel: str) -> str:
-    """What a channel is called in sentences, whoever carries it: "force", "travel", "pressure"."""
+    """Noun for a channel in sentences, without its carrier: "force", "travel", "pressure"."""
     kind = channel_name(channel).kind
     return WORDS.get(kind.name, kind.name)
 

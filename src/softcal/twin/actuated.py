@@ -85,7 +85,7 @@ class ActuatedPart(NamedPart, ABC):
     @property
     @abstractmethod
     def kind(self) -> str:
-        """What it is, such as cable or chamber."""
+        """Noun for the actuator, such as cable or chamber."""
 
     @property
     @abstractmethod
@@ -109,7 +109,7 @@ class ActuatedPart(NamedPart, ABC):
 
     @property
     def controls(self) -> dict[str, Quantity]:
-        """What a command can prescribe, by name: its coordinate and its effort, each with its kind of quantity."""
+        """Name -> kind of quantity that a command can prescribe: the coordinate and the effort."""
         return {kind.name: quantity for kind, quantity in zip(self.channels, self.ranges, strict=True)}
 
     def command_fault(self, control: str, values: Floats) -> Fault | None:
@@ -120,11 +120,11 @@ class ActuatedPart(NamedPart, ABC):
         control
             Name of its coordinate or effort.
         values
-            Of the command (n,) [SI].
+            Values of the command (n,) [SI].
         """
         where = f"{self.name}.{control}"
         if control not in self.controls:
-            return unknown("it cannot be commanded by this", self.name, control, self.controls)
+            return unknown("the actuator cannot be commanded by this quantity", self.name, control, self.controls)
         kind = self.controls[control]
         faults = (kind.fault(float(end), where) for end in (values.min(), values.max()))
         return next((fault for fault in faults if fault is not None), None)
@@ -180,7 +180,7 @@ class Actuator(Declared, ABC):
         Parameters
         ----------
         name
-            Of the part, first part of its parameters' names.
+            Name of the part, first part of its parameters' names.
         places
             The numbering of the robot's points.
 
@@ -192,12 +192,12 @@ class Actuator(Declared, ABC):
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """Names of the cables that it drives, which have no commands of their own."""
+        """Names of the cables that the actuator drives, which have no commands of their own."""
         return ()
 
     @property
     def has_pretension(self) -> bool:
-        """Whether it stays at its coordinate zero where it has no command, as a cable with a pretension does."""
+        """Whether the actuator stays at zero without a command, as a cable with a pretension does."""
         return False
 
     def with_values(self, values: Mapping[str, float]) -> Self:
@@ -244,12 +244,12 @@ class NamedActuator(ActuatedPart):
 
     @property
     def values(self) -> dict[str, float]:
-        """The values [SI] of its parameters, by the last parts of their names."""
+        """The values [SI] of the actuator's parameters, by the last parts of their names."""
         stated = {key: getattr(self.actuator, key) for key in self.actuator.quantities}
         return {key: float(value) for key, value in stated.items() if value is not None}
 
     def with_values(self, values: Mapping[str, float]) -> NamedActuator:
-        """The same with those values [SI] of parameters that are its own, by dotted name."""
+        """The actuator with the values [SI] of its own parameters among those by dotted name."""
         own = {key: values[f"{self.name}.{key}"] for key in self.values if f"{self.name}.{key}" in values}
         return replace(self, actuator=self.actuator.with_values(own)) if own else self
 
@@ -284,7 +284,7 @@ def limits_faults(parts: Sequence[ActuatedPart], key: str, low: float, high: flo
     parts
         The actuators.
     key
-        As of `limited_channels`.
+        See `limited_channels`.
     low, high
         The limits [SI].
     """

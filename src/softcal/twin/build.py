@@ -237,7 +237,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         return [(builder.first[on] + int(n), float(w)) for n, w in zip(held.nodes, held.weights, strict=True)]
 
     def routed(parts: Sequence[ActuatedPart]) -> dict[str, list[Weights]]:
-        """The via points of those that have a route."""
+        """The via points of the actuators that have a route."""
         return {
             part.name: [
                 support(p.at, p.on, f"{part.name}, via point {i + 1}", radius=p.radius, drawn=p.at - p.offset)
@@ -250,8 +250,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     via = routed(robot.cables)
 
     def beside(at: Floats, on: str, way: Floats, size: float, drawn: Floats) -> Weights:
-        """The rate of a point of a plate, a rod or space that is moved along a way (3,), on what carries it: the
-        point a size [m] further less itself, over the size; drawn: as of `support`.
+        """The derivative of a point on a plate, a rod or in space by a motion along `way` (3,), as weighted points of
+        its frames: the difference over a length `size` [m]; drawn: see `support`.
         """
         return [
             (builder.add((at + shift)[None, :], frame), sign * weight / size)
@@ -438,7 +438,7 @@ class _Numbering:
             raise MeshError(Fault("the wall has no face", where, allowed=allowed))
         others = ((other, np.isin(keys, of)) for other, (on, of) in self.walls.items() if on == body)
         once = np.isin(np.arange(len(keys)), np.unique(keys, return_index=True)[1])
-        wrong = {"inside the body": ~np.isin(keys, surface), "there twice": ~once}
+        wrong = {"inside the body": ~np.isin(keys, surface), "duplicated": ~once}
         for what, which in [*wrong.items(), *((f"of {other}, too", which) for other, which in others)]:
             if which.any():
                 got = f"{np.count_nonzero(which)} of {len(keys)} faces are {what}"

@@ -147,11 +147,11 @@ class ViaPoint(Checked):
         the diameter of the bore for a point in a bore, 1 mm in the material. Zero: a force at the point, or on a ring
         of the wall.
     name
-        Under which its offsets are parameters, such as `front.exit.x_offset`; "" for a point without them.
+        Name of the point in its offset parameters, such as `front.exit.x_offset`; "" for a point without them.
     offset
-        How far it is from where it was drawn (3,) [m]; `at` includes it already.
+        Offset (3,) [m] from the drawn position; `at` includes it already.
     share
-        Of a point that was added between two others: how far on the way from the one to the other it is [-]. It
+        For a point added between two others: its fraction of the distance from the first to the second [-]. It
         follows their offsets in proportion.
     """
 
@@ -189,19 +189,19 @@ def refuse_presliding_alone(presliding: float | None, *, has_memory: bool) -> No
 @displayed
 @dataclass(frozen=True)
 class CableLine(Declared):
-    """What a cable is made of; by default it does not stretch, and its friction is that of a cable that is only pulled.
+    """Stretch and friction of a cable; by default inextensible, with the friction of a cable that is only pulled.
 
     Attributes
     ----------
     stiffness : EA [N]; None: no stretch
-    spring_rate : In the place of EA, that of the whole cable at its length at rest [N/m]
-    compliance : Of the testing machine or servo that pulls [m/N]
-    pretension : Tension [N] at zero shortening of the robot at rest; None: just taut. A cable with one that nothing
-        drives stays at zero shortening; any other is slack
-    rest_length : In the place of the pretension, the length of the unstretched cable at zero shortening [m]
-    friction_memory : Whether friction opposes the sliding that takes place, so that samples are a load path
+    spring_rate : Instead of EA, the spring rate of the whole cable at its length at rest [N/m]
+    compliance : Compliance of the testing machine or servo that pulls [m/N]
+    pretension : Tension [N] at zero shortening of the robot at rest; None: just taut. Without a command, a
+        cable with a pretension stays at zero shortening; any other is slack
+    rest_length : Instead of the pretension, the length of the unstretched cable at zero shortening [m]
+    friction_memory : Whether friction opposes the actual sliding, so that samples are a load path
     presliding : Slip [m] over which friction with a memory builds up; None: 0.01 mm
-    friction_preload : Tension [N] whose friction acts beside that of the cable's own, as a constant; None: none
+    friction_preload : Tension [N] whose constant friction is added to that of the cable's own; None: none
     friction_speed : Speed [m/s] of the slip at which friction is twice as large, in time; None: it depends on no speed
     """
 
@@ -291,7 +291,7 @@ class Cable(ActuatedPart):
         if self.line.rest_length is not None and self.line.rest_length > self.length:
             raise InputError(
                 Fault(
-                    "the unstretched cable is longer than its way, so that it hangs slack at zero shortening",
+                    "the unstretched cable is longer than its path, so that it hangs slack at zero shortening",
                     where=f"{self.name}.line.rest_length",
                     got=f"{1e3 * self.line.rest_length:.6g} mm",
                     allowed=f"{1e3 * self.length:.6g} mm or less",

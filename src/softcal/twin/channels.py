@@ -18,7 +18,7 @@ STIFFNESS = "_stiffness"  # suffix of the stiffness of a channel: `tip.x_stiffne
 
 
 def sensors_of(robot: Robot) -> tuple[NamedSensor, ...]:
-    """Every sensor: those that come with cables, actuators, plates and markers, then the robot's own."""
+    """Every sensor: sensors of cables, actuators, plates and markers, then the robot's own."""
     parts = [("cables", cable.name) for cable in robot.cables]
     parts += [(part.actuator.name, part.name) for part in robot.actuators]
     parts += [(kind, part.name) for kind in ("plates", "markers") for part in getattr(robot, kind)]

@@ -75,7 +75,7 @@ class Zone:
 
 
 def clamp_zone(mesh: TetMesh, fixed: Ints, clamp: Clamp, *, where: str = "") -> Zone:
-    """The zone in which a clamp can move a mesh; the depth of the clamp is within.
+    """The zone of a mesh that a clamp can move. The clamp's depth must be within the range of the zone.
 
     Parameters
     ----------
@@ -86,13 +86,13 @@ def clamp_zone(mesh: TetMesh, fixed: Ints, clamp: Clamp, *, where: str = "") -> 
     clamp
         The clamp.
     where
-        What an error names as the place.
+        Place for error messages.
 
     Raises
     ------
     InputError
         Where no fixed face lies behind the body in this direction, where the fixed region does not end at a plane,
-        where the cross-section changes at once, or for a depth that is out of range.
+        where the cross-section changes right behind the face, or for a depth that is out of range.
     """
     direction = np.asarray(clamp.direction)
     height = mesh.points @ direction

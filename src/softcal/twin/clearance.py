@@ -57,7 +57,7 @@ class Clearances(ReadOnly):
 
 @dataclass(frozen=True)
 class RobotSurface:
-    """What moves of the surface of a robot: the skins of its bodies, its rods as tubes, and the discs of its plates.
+    """The moving surface of a robot: the skins of its bodies, its rods as tubes, and the discs of its plates.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class RobotSurface:
         obstacles
             The obstacles by name.
         extent
-            Of the robot [m].
+            Extent of the robot [m].
         """
         x = self.at(state)
         own = np.unique(self.triangles)
@@ -165,7 +165,7 @@ def build_surface(
     triangles, radius, owner, names = [NO_TRIANGLES], [np.zeros(0)], [np.zeros(0, dtype=np.int64)], list[str]()
 
     def add(name: str, faces: Ints, radii: Floats) -> None:
-        """A part whose vertices follow those of the parts before."""
+        """Add a part, whose vertices follow those of the previous parts."""
         triangles.append(sum(map(len, radius)) + faces)
         radius.append(radii)
         owner.append(np.full(len(radii), len(names)))

@@ -171,10 +171,10 @@ def rigid_groups(weights: Any, group: Ints) -> Ints:
 
 
 def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> ContactTerm:
-    """The term with nothing in contact at rest: where a core that a point faces is less than `depth` below its surface,
-    as in the root of a groove, that distance counts; cores beside the point, or behind it, it never touches.
+    """The term without contact at rest: where a core in front of a point is less than `depth` below its surface, as in
+    the root of a groove, this distance replaces `depth`. A point never touches cores beside or behind it.
 
-    normals: outward ones of the pressing points (n, 3); skin: the points that the cores' vertices are below (m, 3) [m].
+    normals: outward normals (n, 3) of the pressing points; skin: surface points (m, 3) [m] above the cores' vertices.
     """
     near = term.touching(term.X)
     flat = near.simplices[:, 2] >= 0

@@ -206,8 +206,8 @@ def rigid_skin(X: Floats, triangles: Ints) -> CoredSkin:
 
 
 def _rates(mesh: TetMesh, X: Floats, triangles: Ints, owners: Ints) -> Floats:
-    """The core's motion inwards from each corner of the triangles, per depth, by the four corners of the tet below
-    (3 k, 4); owners: those tets (k,).
+    """Rates (3 k, 4) [1/m] by depth of the barycentric coordinates, in the tet below, of core points that move inwards
+    from each corner of the triangles; owners: these tets (k,).
     """
     corners = mesh.points[mesh.tets[:, :4]]
     to_corners = np.linalg.inv(corners[owners, 1:] - corners[owners, :1]).repeat(3, axis=0)

@@ -167,7 +167,7 @@ def _change(a: Node, b: Node, crosses: Callable[[Node, Node, float], bool], at_b
 
 
 def crossed_at(found: Sequence[tuple[str, dict[Pair, float]]]) -> str:
-    """The sentences on crossings in labelled states, in their order."""
+    """The sentences on intersecting pairs of parts, with the labels of their states."""
     sentences: list[str] = []
     for pair in sorted({pair for _, one in found for pair in one}):
         labels = [label for label, one in found if pair in one]

@@ -55,7 +55,7 @@ class EquilibriumPath:
     actuator
         The driven actuator; None where nothing is driven.
     tolerance
-        Of the curve, over a channel's largest value [-]; 0 solves every sample.
+        Tolerance of the curve, over a channel's largest value [-]; 0 solves every sample.
     is_shared
         Whether simulations of other samples are to follow, as in a search: their paths then end at the same places.
     guide
@@ -154,8 +154,8 @@ class EquilibriumPath:
         return node
 
     def passages(self, curve: Curve, efforts: Floats) -> Floats:
-        """The c at which the driven effort first is each of some (n,), on the way up or down from the start; NaN where
-        it never is.
+        """The first c at which the driven effort has each of the values (n,), upwards or downwards from the start; NaN
+        for values that it never has.
         """
         i = self.column(self.channels[1])
         up, down = curve.sides(i)
@@ -250,11 +250,11 @@ class EquilibriumPath:
         return path, curve
 
     def largest(self, values: Floats) -> Floats:
-        """The largest of some values (n, n_channels) in all channels of one unit, for each (n_channels,)."""
+        """For each channel (n_channels,), the largest of the values (n, n_channels) in all channels of its unit."""
         return self._scale(np.abs(values).max(axis=0)[:, None], np.zeros(1))[:, 0]
 
     def scale(self, values: Floats) -> Floats:
-        """As `largest`, at least what is above rounding error."""
+        """See `largest`; at least a value above rounding error."""
         return self._scale(np.abs(values).max(axis=0)[:, None], self._least)[:, 0]
 
     def at(self, path: Path, c: float) -> Node:
@@ -306,7 +306,7 @@ class EquilibriumPath:
         past
             Shortening [m] from which on it ends at the next node.
         guide
-            As of `softcal.mechanics.path.follow`.
+            See `softcal.mechanics.path.follow`.
         """
         i = self.number
         length = self.span(until) if np.isfinite(until) else self.length
@@ -402,7 +402,7 @@ class EquilibriumPath:
         return path if path.is_smooth or path.stopped_by is not None else self.follow(start, end)
 
     def _guide_to(self, end: float) -> tuple[Node, ...]:
-        """The nodes of the guide to a shortening [m]; none where it does not get there without a snap-through."""
+        """The nodes of the guide to a shortening [m]; empty where the guide snaps through or ends before."""
         if self.guide is None:
             return ()
         try:

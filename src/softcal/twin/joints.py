@@ -35,7 +35,7 @@ def number_frames(robot: Robot) -> Frames:
     Raises
     ------
     MeshError
-        For a rod that is clamped to a plate that does not exist, or that is not supported; a plate on nothing.
+        For a rod without support or clamped to a missing plate; for a moving plate without a body or rod.
     """
     plates = {plate.name: plate for plate in robot.plates}
     moving = [plate for plate in robot.plates if not plate.fixed]

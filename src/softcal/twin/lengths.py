@@ -52,7 +52,7 @@ def with_lengths(robot: Robot, values: Mapping[str, float]) -> Robot:
 
 
 def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
-    """The robot with one body in the place of another one with the same nodes elsewhere."""
+    """The robot with a body replaced by one that has the same nodes at other positions."""
     shifts: dict[str, Floats] = {}
     for plate in robot.plates:
         # The affine motion of the plate's nodes, where their box is nearest to its reference.

@@ -40,9 +40,9 @@ class LinearSystem(ReadOnly):
     channels
         The outputs: every channel (n_channels,).
     frequencies
-        Of the modes without damping (n_modes,) [Hz].
+        Frequencies of the modes without damping (n_modes,) [Hz].
     damping_ratios
-        Of each mode alone (n_modes,) [-]; above 1 it does not swing.
+        Damping ratios of each mode alone (n_modes,) [-]; above 1 it does not swing.
     frequency_errors
         Bounds of the frequencies' relative errors by the reduction (n_modes,), those of the mesh apart.
     next_frequency

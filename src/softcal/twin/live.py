@@ -185,7 +185,7 @@ class LiveState:
         Raises
         ------
         ParameterError, SimulationError
-            As `stiffnesses`.
+            See `stiffnesses`.
         """
         named = as_annotated(names, tuple[str, ...], "names")
         return Jacobian(named, *self._place.stiffnesses(named, rates=True)[1:])
@@ -376,12 +376,12 @@ class LiveTwin(_InOneProcess):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        """What each actuator that it drives is commanded by."""
+        """Actuator -> the coordinate or effort that commands prescribe."""
         return FixedMapping(self._controls)
 
     @property
     def remembers(self) -> bool:
-        """Whether a state depends on those before it."""
+        """Whether a state depends on the previous states."""
         return self._twin.system.remembers
 
     @property
@@ -567,7 +567,7 @@ class _Place(_InOneProcess):
         twin, statics, now = self.twin, self._steps.statics, self.reached.controls
         layout, known = twin.system.layout, stiffness_units(twin.robot)
         if others := [name for name in names if name not in known]:
-            raise ParameterError([unknown("this has no stiffness", "", name, known) for name in others])
+            raise ParameterError([unknown("no such stiffness is computed", "", name, known) for name in others])
         labels, ways = self._ways() if rates else ((), np.zeros((layout.n_unknowns, 0)))
         values, slopes = np.zeros(len(names)), np.zeros((len(names), len(labels)))
         for k, name in enumerate(names):
@@ -637,7 +637,7 @@ class _Place(_InOneProcess):
             raise ParameterError(faults)
 
         def inertia_of(one: Twin, values: Mapping[str, float]) -> Inertia:
-            """That of a twin: its robot has the values of its shape, but not these."""
+            """The inertia of a twin at parameters: its robot has the values of its shape, but not the others."""
             own = {name: values[name] for name, info in robot_parameters(one.robot).items() if not info.shapes}
             return robot_inertia(one, with_parameters(one.robot, own), settings.masses)
 
@@ -676,7 +676,7 @@ class _Place(_InOneProcess):
         M, C, K = matrices(twin, self.state, theta) if parameters else np.zeros((3, size, size))
 
         def rates_of(wanted: Any, damping: Floats, of: Floats) -> Any:
-            """Derivatives of the poles nearest to these."""
+            """Derivatives of the poles that are nearest to the wanted ones."""
             if not parameters:
                 return np.zeros((len(wanted), 0))
             poles, slopes = pole_rates(np.array([M, damping, K]), of)

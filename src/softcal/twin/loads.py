@@ -69,7 +69,7 @@ def surface_forces(
 
 
 def walls(robot: Robot, meshes: Mapping[str, TetMesh]) -> dict[str, dict[str, Ints]]:
-    """Actuator -> body -> faces (n, 3 or 6) of its mesh that it acts on, of those that act on surfaces.
+    """Actuator that acts on surfaces -> body -> faces (n, 3 or 6) of the body's mesh that it acts on.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class Discs(Declared):
     Attributes
     ----------
     diameter, thickness, hole_diameter : The last one is that of the guide holes [m]
-    mass : Of each [kg]; None: its volume times the springs' density
+    mass : Mass of each [kg]; None: its volume times the springs' density
     """
 
     diameter: Size = 0.060
@@ -76,9 +76,9 @@ class Springs(Declared):
     poissons_ratio, density : [-], [kg/m^3]
     wire_diameter, coil_diameter : The latter from wire centre to wire centre [m]
     turns, left_handed : Number of turns [-], and sense
-    azimuth : Of the wire's start, about +z from +x [rad]
+    azimuth : Azimuth of the wire's start, about +z from +x [rad]
     model : Rods or solid bodies; the latter are 40 to 70 times slower
-    elements_per_turn : Of rods; None: 12
+    elements_per_turn : Elements per turn of rods; None: 12
     rings, layers_per_turn, element : Of solid springs, as of a `SolidSpring` and a `Body`; None: their defaults
     """
 
@@ -122,7 +122,7 @@ class Cables(Declared):
 
     Attributes
     ----------
-    radius : Of the circle of guide holes [m]
+    radius : Radius of the circle of guide holes [m]
     ends : Disc at which cables end -> azimuth [rad] of the first of them, about +z from +x
     per_end : Number of cables at each of these discs, evenly spaced
     exit : Distance behind the base at which they are pulled [m]

@@ -38,17 +38,17 @@ class MarkerPlace:
 
     @property
     def turns(self) -> bool:
-        """Whether it is on a plate."""
+        """Whether the marker is on a plate."""
         return not self.directions
 
     @property
     def points(self) -> Weights:
-        """All that follows the points of the system as a weighted sum of them; on a plate where it is drawn."""
+        """The position as a weighted sum of the system's points; for a marker on a plate, its drawn position."""
         moved = zip(self.marker.offset.tolist(), self.directions, strict=False)
         return [*self.drawn, *((p, of * w) for of, way in moved if of != 0.0 for p, w in way)]
 
     def axes(self, x: Floats, R: Floats) -> Floats:
-        """The derivatives (3, 3) of its position by its offset, one in each column; x, R: as of `position`."""
+        """The derivatives (3, 3) of the marker's position by its offset, in columns; x, R: see `position`."""
         if self.turns:
             return R
         return np.column_stack([sum((w * x[p] for p, w in way), np.zeros(3)) for way in self.directions])

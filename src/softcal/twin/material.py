@@ -51,7 +51,7 @@ class Winding(Declared):
 
     Attributes
     ----------
-    angle : Of the fibres to the axis: 0 along it, 90 deg around it
+    angle : Angle of the fibres to the axis: 0 along it, 90 deg around it
     point : A point (3,) [m] of the axis, in the robot at rest
     direction : Its direction (3,), of any length but zero
     """
@@ -130,7 +130,7 @@ def complete_materials(part: Deformable, n_elements: int, of: str) -> None:
         raise InputError(Fault(f"{int((times > 1).sum())} {of} are of two materials", part.name, got=names))
     if part.inclusions and times.all():
         what = f"the materials leave none of the {of} to its own material"
-        raise InputError(Fault(what, part.name, names, attempt="one of them as that"))
+        raise InputError(Fault(what, part.name, names, attempt="one of them as its own"))
     for material in materials_of(part, n_elements):
         if wrong := next(filter(None, (one.faults(material.parameters) for one in past.parts)), ""):
             raise InputError(Fault(wrong, material.name))

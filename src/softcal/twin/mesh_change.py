@@ -54,7 +54,7 @@ class FinerTwin:
     robot
         The robot on the finer mesh.
     corners
-        Body -> where the corners of its finer tets lie, as in `prolongation`.
+        Body -> barycentric coordinates of the corners of its finer tets, as in `prolongation`.
     """
 
     robot: Robot
@@ -78,7 +78,7 @@ class FinerTwin:
         return simulate(self.robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots, crossings=False)
 
     def _changed(self, robot: Robot, protocol: Protocol, theta: Mapping[str, float]) -> Response | None:
-        """The response by the change; None where the change is no smooth curve, or is not known to be."""
+        """The own response plus its change to the finer mesh; None where the change may be no smooth curve."""
         driven = protocol.completed(robot).driven
         if len(driven) != 1 or protocol.commands[driven[0]].control != "shortening":
             return None
@@ -154,7 +154,7 @@ class _Change:
         return part * np.array([np.abs(self.at(c) - self.at(c, without=k)).max(axis=0) for k in range(1, len(self.c))])
 
     def beside(self, k: int) -> tuple[float, float]:
-        """Half way from a place but the end to those before and after it, over the length."""
+        """The midpoints between a place (not the last) and its two neighbours, as fractions of the length [-]."""
         places = np.sort(np.append(self.c, self.start))
         j = int(np.searchsorted(places, self.c[k]))
         before, after = 0.5 * (places[j - 1 : j + 1] + places[j : j + 2]) - self.start

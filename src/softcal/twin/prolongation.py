@@ -14,7 +14,7 @@ from softcal.twin.build import Twin
 
 @dataclass(frozen=True)
 class InElements:
-    """Where the nodes (n,) of a finer mesh lie: numbers of the coarse tets (n,), barycentric coordinates (n, 4)."""
+    """Places of the nodes (n,) of a finer mesh: numbers of the coarse tets (n,), barycentric coordinates (n, 4)."""
 
     tets: Ints
     barycentric: Floats

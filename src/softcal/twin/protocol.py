@@ -132,7 +132,7 @@ class Protocol(Checked):
         return float(self.times[max(i, 1)] - self.times[max(i, 1) - 1])
 
     def completed(self, robot: Robot, n: int | None = None) -> Protocol:
-        """With what has a pretension and no command at its coordinate zero, as cables at zero shortening.
+        """The protocol with zero coordinates, as of cables, for actuators with a pretension and no command.
 
         n: the number of samples, where there are no commands to tell it.
         """

@@ -186,19 +186,19 @@ class Response(ReadOnly):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What must be known of the solved shapes, a sentence each: snap-through, crossings, cables drawn out, laws
-        beyond their stability.
+        """Warnings on the solved shapes, a sentence each: snap-through, intersections, cables drawn out, laws beyond
+        their stability.
         """
         return tuple(self._doubtful.values())
 
     @property
     def doubts(self) -> str:
-        """What makes the solved shapes doubtful, in a few words; "" where nothing does."""
+        """Reasons to doubt the solved shapes, in a few words; "" without any."""
         return ", ".join(self._doubtful)
 
     @property
     def _doubtful(self) -> dict[str, str]:
-        """What is doubtful in a few words -> the sentence on it."""
+        """Reason for doubt in a few words -> the sentence on it."""
         kinds = {
             "the robot buckles or snaps": self.instabilities,
             "bodies intersect": self.crossings,
@@ -222,17 +222,17 @@ class Response(ReadOnly):
         over
             The channel of the horizontal axis, such as "front.shortening" or, of a motion, "time".
         ax
-            Where it is drawn, beside what is there; by default in a new figure.
+            Axes to which the curve is added; by default those of a new figure.
 
         Returns
         -------
         matplotlib.axes.Axes
-            Where it was drawn; nothing is shown or saved.
+            The axes; nothing is shown or saved.
 
         Raises
         ------
         ParameterError
-            Where there is no such channel, or what is given are no axes.
+            Where there is no such channel, or `ax` are no axes.
         """
         return plotted("plot_channel", self, channel, over, ax)
 
@@ -242,17 +242,17 @@ class Response(ReadOnly):
         Parameters
         ----------
         ax
-            Where it is drawn; by default in a new figure.
+            Axes to draw into; by default those of a new figure.
 
         Returns
         -------
         matplotlib.axes.Axes
-            Where it was drawn; nothing is shown or saved.
+            The axes; nothing is shown or saved.
 
         Raises
         ------
         ParameterError
-            Where there are no two shapes (`snapshots=True` keeps them), or what is given are no axes.
+            Where there are no two shapes (`snapshots=True` keeps them), or `ax` are no axes.
         """
         return plotted("plot_shape", self, ax)
 

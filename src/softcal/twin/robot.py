@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 def _drives(control: str, where: str) -> str:
     if control not in (known := [name for name, kind in kinds().items() if kind.drives]):
-        raise InputError(unknown("no actuator is commanded by this", where, control, known))
+        raise InputError(unknown("no actuator is commanded by this quantity", where, control, known))
     return control
 
 
@@ -130,7 +130,7 @@ class Body(NamedPart):
 
     @property
     def elasticity(self) -> Law:
-        """Its law, as its elements need it."""
+        """The law of the body in the form that its elements need."""
         return with_least_shift(LAWS[self.law]) if self.history else LAWS[self.law]
 
     @property
@@ -378,7 +378,7 @@ class Marker(NamedPart):
 
     @property
     def place(self) -> Floats:
-        """Where it is attached (3,) [m], in the rest frame."""
+        """Place of attachment (3,) [m], in the rest frame."""
         return self.at + self.offset
 
     def offset_by(self, values: Mapping[str, float]) -> Marker:
@@ -455,23 +455,23 @@ class Robot(Checked):
         Parameters
         ----------
         ax
-            Where it is drawn; by default in a new figure.
+            Axes to draw into; by default those of a new figure.
 
         Returns
         -------
         matplotlib.axes.Axes
-            Where it was drawn; nothing is shown or saved.
+            The axes; nothing is shown or saved.
 
         Raises
         ------
         ParameterError
-            Where what is given are no axes.
+            Where `ax` are no axes.
         """
         return plotted("plot_shape", self, ax)
 
     @property
     def _numbered(self) -> Iterator[tuple[str, Ints, str]]:
-        """What has numbers of a body's nodes: the body, the numbers, and where messages find them."""
+        """Every set of node numbers: its body, the numbers, and their place for messages."""
         for plate in self.plates:
             yield from ((body, nodes, f"{plate.name}.nodes.{body}") for body, nodes in plate.nodes.items())
         yield from ((tie.body, tie.nodes, f"{tie.name}.nodes") for tie in self.ties)
@@ -479,28 +479,28 @@ class Robot(Checked):
 
     @property
     def actuated(self) -> tuple[ActuatedPart, ...]:
-        """Everything that drives it: its cables, then its other actuators, in the order of their efforts."""
+        """All actuators of the robot: its cables, then the others, in the order of their efforts."""
         return (*self.cables, *self.actuators)
 
     @property
     def led(self) -> dict[str, str]:
-        """Cable -> the actuator that drives it, for those that have no commands of their own."""
+        """Cable -> the drive that moves it; such a cable has no commands of its own."""
         return {cable: part.name for part in self.actuators[::-1] for cable in part.actuator.driven}
 
     @property
     def commandable(self) -> tuple[ActuatedPart, ...]:
-        """What has commands of its own: all that drives it but the cables of drives."""
+        """Actuators with commands of their own: all but the cables of drives."""
         return tuple(part for part in self.actuated if part.name not in self.led)
 
     @property
     def limited(self) -> dict[str, tuple[float, float]]:
-        """Channel of an actuator -> its limits [SI]; those of a channel before those of its kind."""
+        """Channel of an actuator -> its limits [SI]; the limits of a channel override those of its kind."""
         of_kinds_first = sorted(self.actuator_limits.items(), key=lambda one: "." in one[0])
         return {name: ends for key, ends in of_kinds_first for name in limited_channels(self.actuated, key)}
 
     @property
     def pretensioned(self) -> tuple[ActuatedPart, ...]:
-        """What stays at its coordinate zero where it has no command: by its pretension, or that of cables it drives."""
+        """Actuators that stay at zero without a command: by their pretension, or that of the cables that they drive."""
         tense = {cable.name for cable in self.cables if "pretension" in cable.properties}
         tense |= {part.name for part in self.actuators if part.actuator.has_pretension}
         tense |= {self.led[cable] for cable in tense if cable in self.led}
@@ -508,7 +508,7 @@ class Robot(Checked):
 
     @property
     def actuator_word(self) -> str:
-        """What messages call its actuators: "cable" where there are no others."""
+        """The noun for actuators in messages: "cable" where all are cables."""
         return "actuator" if self.actuators else "cable"
 
     @property
@@ -518,22 +518,22 @@ class Robot(Checked):
 
     @property
     def deformable(self) -> tuple[Body | Rod, ...]:
-        """What has a material."""
+        """The parts with a material."""
         return (*self.bodies, *self.rods)
 
     @property
     def as_clamped(self) -> Robot:
-        """The same robot, every body's mesh ending where its clamp does."""
+        """The robot with every body's mesh changed to the depth of its clamp."""
         if all(body.clamp is None for body in self.bodies):
             return self
         return replace(self, bodies=tuple(body.as_clamped for body in self.bodies))
 
     @property
     def remembers(self) -> bool:
-        """Whether a state depends on those before it: then the samples of a test are a load path in their order."""
+        """Whether a state depends on the previous states: the samples of a test are then a load path in their order."""
         return any(cable.line.friction_memory for cable in self.cables) or any(part.history for part in self.deformable)
 
     @property
     def needs_time(self) -> bool:
-        """Whether a state depends on the time between those before it."""
+        """Whether a state depends on the time between the previous states."""
         return any(one.needs_time for part in self.deformable for one in part.past.parts)

@@ -48,11 +48,11 @@ class Schedule(Checked):
         return {name: float(np.interp(time, self.times, c.values)) for name, c in self.commands.items()}
 
     def completed(self, robot: Robot) -> Schedule:
-        """With the cables that nothing drives and that have a pretension, at zero shortening."""
+        """The schedule with zero shortening for cables that have a pretension and no command."""
         return Schedule(self.times, Protocol(self.commands).completed(robot, len(self.times)).commands)
 
     def held(self, duration: float) -> Schedule:
-        """The schedule with its last commands kept for a time [s] more."""
+        """The schedule with its last commands kept for another time [s]."""
         held = {n: Command(c.control, np.append(c.values, c.values[-1])) for n, c in self.commands.items()}
         return Schedule(np.append(self.times, self.times[-1] + duration), held)
 

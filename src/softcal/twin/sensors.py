@@ -79,7 +79,7 @@ def sense_rates(
     dz
         Rates of the unknowns (n_unknowns, k).
     names
-        Parameters (k,) of which dz is the derivative, or "": they may change a channel at fixed unknowns too.
+        Parameters (k,) by which dz is the derivative, or "": they may change a channel at fixed unknowns too.
     coordinates
         Rates (k,) of the coordinates of the actuators that are commanded by it.
     """

@@ -143,7 +143,7 @@ def respond(  # noqa: PLR0913 (one keyword for each option)
     sensitivities
         Parameters of the derivatives, and actuators' channels for those by their commands.
     snapshots, curve_tolerance, shared, crossings
-        As of `simulate`.
+        See `simulate`.
     guided
         Whether paths are guided by that at the robot's own parameters, see `guide_of`.
 

@@ -34,7 +34,7 @@ def with_solid_rods(
     robot
         The robot.
     names
-        Of the rods to replace; all if None.
+        Names of the rods to replace; all if None.
     rings
         Number of tets from the axis to the surface.
 

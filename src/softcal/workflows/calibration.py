@@ -129,7 +129,7 @@ def calibrate(
         else:
             begin_run(project, settings, list(problems), folder)
     elif resume:
-        raise InputError(Fault("there is no run to resume without its folder", attempt="out"))
+        raise InputError(Fault("a run is resumed from its folder, which is missing", attempt="out"))
     results: dict[str, CalibrationResult] = {}
     headline = JOINT if JOINT in problems or len(problems) > 1 else next(iter(problems))
     with stoppable() as stop:
@@ -165,7 +165,7 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
     Raises
     ------
     InputError
-        As `calibrate`.
+        See `calibrate`.
     ParameterError
         For an option that neither the method nor the loss has.
     """
@@ -261,12 +261,12 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
 
 
 def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss:
-    """The loss that the settings name, with its options; length [m]: what distances are told in per cent of.
+    """The loss that the settings name, with its options; length [m]: reference of distances in per cent.
 
     Raises
     ------
     ParameterError
-        Where there is no such loss, or it needs a length and there is none.
+        Where there is no such loss, or it needs a length and `length` is None.
     """
     loss = LOSSES.named(settings.loss)
     if loss.needs_length and length is None:

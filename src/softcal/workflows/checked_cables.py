@@ -1,4 +1,4 @@
-"""What a check says of a robot's cables: where they run, what supports them, where they leave their bores; and of the
+"""The check of a robot's cables: their routes, their supports, where they leave their bores; and of the
 limits of all that drives it.
 """
 
@@ -20,7 +20,7 @@ from softcal.workflows.simulation import protocol_of
 
 
 def cable_rows(robot: Robot) -> list[tuple[str, str]]:
-    """A row for each cable, and those that belong to it."""
+    """A row for each cable, with the rows that belong to it."""
     rows, attachments = list[tuple[str, str]](), supports(robot)
     meshes = {body.name: body.mesh for body in robot.bodies}
     for cable in robot.cables:

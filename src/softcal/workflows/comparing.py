@@ -40,7 +40,7 @@ def compared_calibration(project: Project, settings: CalibrationSection, result:
     project
         With the nominal values of the robot.
     settings
-        Of the calibration.
+        Settings of the calibration.
     result
         The calibrated values, of which the rig's hold for the nominal robot too.
     """
@@ -77,7 +77,7 @@ def compared_sweep(project: Project, settings: CalibrationSection, result: Sweep
     project
         With the nominal values, and the configurations of `sweep.show`.
     settings
-        Of the sweep.
+        Settings of the sweep.
     result
         Its cells.
     """
@@ -132,7 +132,7 @@ def _values(result: SearchResult) -> dict[str, float]:
 
 
 def _nominal_values(project: Project, result: SearchResult) -> dict[str, float]:
-    """The project's values of a result's parameters, without those that have several."""
+    """The project's values of a result's parameters, without parameters with several values."""
     parameters = project.parameters
     present = {
         name: {parameters[target].value for target in e.of or (name,) if target in parameters}

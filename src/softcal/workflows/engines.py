@@ -1,4 +1,4 @@
-"""What computes the twin: softcal itself, or another program through the same door."""
+"""The engine that computes the twin: softcal itself, or another program through the same interface."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def engine_for(name: str, robot: Robot, settings: Mapping[str, Declared]) -> Sim
     Parameters
     ----------
     name
-        Of the engine.
+        Name of the engine.
     robot
         The robot, or one that differs from it by values of parameters alone.
     settings
@@ -54,7 +54,7 @@ def left_out_sentence(name: str, robot: Robot) -> str:
 
 
 def engine_identity(name: str, settings: Mapping[str, Declared]) -> dict[str, str]:
-    """What a run's results owe to its engine, by key of the project file, SI; nothing where that is softcal itself."""
+    """Settings of the engine behind a run's results, by key of the project file, SI; empty for softcal itself."""
     if name == SOFTCAL:
         return {}
     from softcal.export.engine import engine_settings

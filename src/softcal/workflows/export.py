@@ -53,7 +53,7 @@ class ExportOption(Checked):
 @displayed
 @dataclass(frozen=True)
 class ExportRequest:
-    """What is to be exported, and whom to tell what.
+    """The project to export, pulls, and callables for warnings and progress.
 
     Attributes
     ----------
@@ -62,13 +62,13 @@ class ExportRequest:
     pulls : sequence of str
         Pulls in the place of the experiments, such as "front=40mm".
     warn, note : callable
-        Called with warnings, and with other text that the reader must know.
+        Called with warnings, and with other remarks for the user.
     stage : callable
         Called with the name of each stage.
     motion : callable or None
         Called with the progress of each motion.
     run : Path, str or None
-        The run folder whose calibrated values the parameters are.
+        The run folder with the calibrated values of the parameters, or None.
     """
 
     project: Project
@@ -86,7 +86,7 @@ class ExportRequest:
         as_annotated(self.run, str | Path | None, "run")
 
     def cases(self) -> dict[str, Case]:
-        """Name -> robot and protocol: the pulls together, else every experiment.
+        """Name -> robot and protocol of a case: one with all pulls, else one per experiment.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class ExportRequest:
         return cases(self.project, self.pulls)
 
     def solved(self, cases: Mapping[str, Case], snapshots: Shown = True) -> dict[str, Response]:
-        """The response of each case, with its shapes; warnings are told.
+        """The response of each case, with its shapes; warnings go to `warn`.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class ExportRequest:
         return self.told(simulate_each(cases, respond, stage=self.stage))
 
     def told(self, responses: dict[str, Response]) -> dict[str, Response]:
-        """The responses, whose warnings are told."""
+        """The responses; their warnings go to `warn`."""
         for name, response in responses.items():
             for sentence in response.warnings:
                 self.warn(f"{name}: {sentence}")
@@ -148,13 +148,13 @@ class Export(FunctionMember):
 
     @property
     def defaults(self) -> Mapping[str, Any]:
-        """Option -> default, `inspect.Parameter.empty` for one that must be given."""
+        """Option -> default, `inspect.Parameter.empty` for an option without a default."""
         parameters = inspect.signature(self.function).parameters
         return {name: parameters[name].default for name in self.options}
 
 
 def _faults(export: Export, _: Mapping[str, Export]) -> list[Fault]:
-    """What is wrong with an export that is to be registered."""
+    """Faults of an export that is to be registered."""
     if not isinstance(export, Export):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_export returns for a function"
         return [Fault("this is no export", "export", repr(export)[:60], allowed)]
@@ -183,7 +183,7 @@ def _faults(export: Export, _: Mapping[str, Export]) -> list[Fault]:
         for got in [repr(option if kind is None else kind)]
     ]
     if not export.summary:
-        faults.append(Fault("it says nowhere what it writes", where, attempt="a docstring of the function"))
+        faults.append(Fault("the export has no description", where, attempt="a docstring of the function"))
     return faults
 
 
@@ -224,7 +224,7 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
     InputError
         Where it is written without its brackets.
     ParameterError
-        Where another export has the name, an option is no parameter of the function, or it says nowhere what it writes.
+        Where another export has the name, an option is no parameter of the function, or it has no description.
     """
     as_annotated(files, tuple[str, ...], "files")
     return EXPORTS.decorator(lambda function: Export(function.__name__, function, files, options, pulled, hint))
@@ -237,7 +237,7 @@ def write_export(name: str, request: ExportRequest, folder: str | Path, **option
     Parameters
     ----------
     name
-        Of the export.
+        Name of the export.
     request
         The project, its pulls, and observers.
     folder
@@ -280,11 +280,11 @@ def each_in_its_folder(names: Sequence[str], folder: Path, write: Callable[[str,
     Parameters
     ----------
     names
-        Of the cases.
+        Names of the cases.
     folder
-        There already.
+        An existing folder.
     write
-        Case, its folder -> the files that were written.
+        Function of a case and its folder, which returns the files that it wrote.
     """
     written: list[Path] = []
     for name in names:

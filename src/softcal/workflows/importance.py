@@ -36,7 +36,7 @@ def study_importance(
     source
         The problem, and the run's result.
     seed
-        Of the points.
+        Seed of the points.
     simulations
         Evaluations of the twin, at most.
     workers
@@ -47,9 +47,9 @@ def study_importance(
     Raises
     ------
     InputError
-        As `importance`.
+        See `importance`.
     SoftcalError
-        As `importance`.
+        See `importance`.
     """
     require_extra("importance", "SALib", where="importance")
     study = importance_study(source.problem, seed=seed, simulations=simulations, workers=workers, progress=progress)
@@ -82,7 +82,7 @@ def importance(
     values
         Parameters of a project to fix, such as `{"neck.poissons_ratio": "0.45"}`.
     seed
-        Of the points.
+        Seed of the points.
     simulations
         Evaluations of the twin, at most.
     workers

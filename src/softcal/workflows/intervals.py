@@ -63,7 +63,7 @@ def study_intervals(
     Raises
     ------
     InputError
-        As `intervals`.
+        See `intervals`.
     SoftcalError
         Where the twin cannot be simulated, or the likelihood has no minimum near the values.
     """
@@ -86,12 +86,12 @@ def study_intervals(
 
 
 def check_method(by: str, over: str = "") -> None:
-    """Whether there is a method of this name, and whether it takes such groups.
+    """Check that there is a method of this name, and that it takes such groups.
 
     Raises
     ------
     InputError
-        Where there is none, or it takes none.
+        Where there is no such method, or it takes no such groups.
     """
     if by not in METHODS:
         raise InputError(unknown("this is no method for intervals", "--by", by, METHODS))

@@ -88,7 +88,7 @@ def linearise(
 
 
 def linear_sentences(found: LinearSystem) -> list[str]:
-    """What the system says in words."""
+    """Sentences on the system."""
     told = f"The first mode left out has {format_quantity(found.next_frequency, 'Hz')}."
     error = max(found.frequency_errors.tolist(), default=0.0)
     return [

@@ -59,7 +59,7 @@ def require_picture(file: Path) -> None:
         If the file is there, or its folder cannot be written.
     """
     if file.suffix not in (".png", ".svg"):
-        raise InputError(Fault("this is no file of a picture", "picture", str(file), "a name with .png or .svg"))
+        raise InputError(Fault("this is no image file", "picture", str(file), "a name with .png or .svg"))
     require_free_file(file)
 
 
@@ -73,7 +73,7 @@ def write_picture(figure: Figure, title: str, file: Path) -> None:
     title
         In the file's data.
     file
-        As of `require_picture`.
+        See `require_picture`.
     """
     png, svg = encode(figure, title)
     write_bytes(file, png if file.suffix == ".png" else svg)

@@ -77,7 +77,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
         Channel -> wanted value [SI], or values of one target after the other: `{"tip.x": 0.02, "tip.pitch": 0.3}`. A
         stiffness stands beside the channels, such as `tip.x_stiffness` [N/m], see `LiveState.stiffnesses`.
     times
-        Of the targets [s], for rates and for materials that relax or flow; by default each is held for long.
+        Times of the targets [s], for rates and for materials that relax or flow; by default each is held for long.
     controls
         What drives each actuator: a control such as "tension" or "shortening" (its effort, where it has no such
         control), or one by name of each that is driven.
@@ -127,7 +127,7 @@ def reach(  # noqa: PLR0913 (one keyword for each option)
     if out is not None:
         require_free_folder(Path(out))
         if isinstance(twin, Robot):
-            raise InputError(Fault("the record of a robot alone would name no project", "out", attempt="a project"))
+            raise InputError(Fault("a folder needs a project, not a robot alone", "out", attempt="a project"))
     project = twin if isinstance(twin, Robot | Project) else load_calibrated(Path(twin))
     robot = project if isinstance(project, Robot) else project.robot
     robot = with_parameters(robot, theta or {})
@@ -190,7 +190,7 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     live
         The twin.
     targets, times, limits, rates, tolerances, weights, prefer, pretension, obstacles
-        As of `reach`.
+        See `reach`.
 
     Raises
     ------
@@ -331,7 +331,7 @@ def commands_csv(found: ReachResult) -> str:
 
 
 def reached_csv(found: ReachResult) -> str:
-    """What was wanted and what is reached, with the bands of a calibration, a row per target, in SI."""
+    """The wanted and the reached values as CSV, with the bands of a calibration, a row per target, in SI."""
     columns: list[tuple[str, Sequence[object]]] = []
     for name in found.steps[0].wanted:
         columns.append((name, [step.channels[name] for step in found.steps]))

@@ -128,7 +128,7 @@ def _current(run: CalibrationRun, kind: StudyKind[S], stale: str) -> tuple[S | N
 
 
 def _shared(run: Run, result: SearchResult, furthest: Response | None = None) -> dict[str, Any]:
-    """What every report shows of its run, and of the twin at the values of its headline's result."""
+    """Content that every report has of its run, and of the twin at the values of the headline's result."""
     project = run.project
     equilibria = calibrated_shapes(project, result)
     response = furthest or furthest_response(project, result)
@@ -146,7 +146,7 @@ def _shared(run: Run, result: SearchResult, furthest: Response | None = None) ->
 
 
 def experiment_content(project: Project, name: str) -> ExperimentContent:
-    """What a report shows of an experiment's data."""
+    """Content of a report on an experiment's data."""
     experiment = project.experiments[name]
     return ExperimentContent(
         name=name,

@@ -1,4 +1,4 @@
-"""A run: its outcome beside the result as it ends, and calibrations or a sweep as they are read from its folder."""
+"""Runs: the outcome of a run that has just ended, and the calibrations or the sweep stored in a run's folder."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Run(ABC):
     Attributes
     ----------
     folder
-        Where it is.
+        The run's folder.
     project
         The project at the time of the run.
     settings
@@ -37,7 +37,7 @@ class Run(ABC):
     versions, hashes
         Package -> version; name of an input -> hash.
     created
-        When it began (ISO 8601).
+        Start of the run (ISO 8601).
     """
 
     folder: Path
@@ -53,22 +53,22 @@ class Run(ABC):
     @property
     @abstractmethod
     def headline(self) -> SearchResult:
-        """The result whose values are the run's."""
+        """The result that the values of the run come from."""
 
     @property
     def robot(self) -> Robot:
-        """The robot at the values of the headline."""
+        """The robot at the values of `headline`."""
         from softcal.workflows.calibration import calibrated
 
         return calibrated(self.project, self.headline).robot
 
     def watch(self) -> WatchedPage:
-        """Its page, without waiting; see `watch_run`.
+        """The page of the run, without waiting; see `watch_run`.
 
         Raises
         ------
         InputError
-            As `watch_run`.
+            See `watch_run`.
         """
         return watch_run(self.folder)
 
@@ -80,9 +80,9 @@ class Outcome(ABC):
     Attributes
     ----------
     folder
-        Where it is kept, or None.
+        The folder of its run, or None.
     stopped_by
-        What stopped it before its end, Ctrl-C or another signal; what was found by then is there.
+        The interrupt that stopped it before its end, Ctrl-C or another signal; results so far are in the folder.
     """
 
     _: KW_ONLY
@@ -91,21 +91,21 @@ class Outcome(ABC):
 
     @property
     def interrupted(self) -> bool:
-        """Whether it was stopped before its end."""
+        """Whether the search was stopped before its end."""
         return self.stopped_by is not None
 
     def watch(self) -> WatchedPage:
-        """Its page, without waiting; see `watch_run`.
+        """The page of the run, without waiting; see `watch_run`.
 
         Raises
         ------
         StorageError
-            Where it is kept in no folder.
+            Where the search has no folder.
         InputError
-            As `watch_run`.
+            See `watch_run`.
         """
         if self.folder is None:
-            raise StorageError(Fault("there is no folder to show", "watch", attempt="out, a folder of the run"))
+            raise StorageError(Fault("there is no run folder to show", "watch", attempt="out, a folder of the run"))
         return watch_run(self.folder)
 
 

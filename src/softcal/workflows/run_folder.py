@@ -49,7 +49,7 @@ PROJECT, RECORD, INPUTS, CALIBRATIONS = "project.yaml", "run.json", "inputs", "c
 def _inside(place: str) -> str:
     """Validate that a path is inside the run's folder."""
     if not place or PurePath(place).is_absolute() or ".." in PurePath(place).parts or "\0" in place:
-        raise ValueError("a place in the run's folder is needed")
+        raise ValueError("a path within the run's folder is needed")
     return place
 
 
@@ -89,9 +89,9 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
     project
         With its files.
     settings
-        Of the calibration.
+        Settings of the calibration.
     labels
-        Of the calibrations, in order.
+        Labels of the calibrations, in order.
     folder
         New or empty.
 
@@ -178,7 +178,7 @@ def finish_run(project: Project, results: Mapping[str, CalibrationResult], folde
     Parameters
     ----------
     project
-        Of the run.
+        Project of the run.
     results
         Label -> calibration.
     folder
@@ -194,12 +194,12 @@ def finish_run(project: Project, results: Mapping[str, CalibrationResult], folde
 
 
 def finish_sweep(project: Project, result: SweepResult, folder: Path, told: Mapping[str, Any]) -> None:
-    """As `finish_run`, of a sweep.
+    """See `finish_run`; for a sweep.
 
     Parameters
     ----------
     project
-        Of the run.
+        Project of the run.
     result
         The sweep.
     folder
@@ -325,7 +325,7 @@ def _require_project(
                 got, allowed = (f"{p.lower:g} to {p.upper:g} {of.unit}, {p.scale}" for p in (one, of))
                 faults.append(Fault(f"{name} has other bounds than in the project", where, got, allowed))
         if isinstance(result, CalibrationResult) and result.loss_name != settings.loss:
-            faults.append(Fault("the loss is not that of the run", where, result.loss_name, settings.loss))
+            faults.append(Fault("the loss differs from that of the run", where, result.loss_name, settings.loss))
     if faults:
         raise StorageError(faults)
 

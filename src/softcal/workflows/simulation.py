@@ -107,7 +107,7 @@ def response_to(
     snapshots: Shown = False,
     engine: Simulate | None = None,
 ) -> Response:
-    """As `simulate`, for samples that are independent states in any order.
+    """See `simulate`; for samples that are independent states in any order.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def robot_in(project: Project, experiment: str = "") -> Robot:
     Raises
     ------
     ParameterError
-        As `protocol_of`.
+        See `protocol_of`.
     """
     chosen, of_robot = _chosen(project, experiment), robot_parameters(project.robot)
     return with_parameters(project.robot, {n: value for n, value in chosen.settings.items() if n in of_robot})
@@ -267,7 +267,7 @@ def pull(
         raise ParameterError(unknown(what, "", actuator, known))
     controls = known[actuator].controls
     if control not in controls:
-        raise ParameterError(unknown("it cannot be commanded by this", actuator, control, controls))
+        raise ParameterError(unknown("the actuator cannot be commanded by this quantity", actuator, control, controls))
     controls[control].checked(end, where="end")
     if not end > 0 and known[actuator] in robot.cables:
         got = format_quantity(end, controls[control].unit)

@@ -65,7 +65,7 @@ class StudyKind(Generic[S]):
         study
             The study.
         project
-            Of the study, with its hashes.
+            Project of the study, with its hashes.
         calibration
             Label of the studied calibration of a run, or "".
         folder
@@ -115,11 +115,11 @@ class StoredStudy(Generic[S]):
     calibration: str
 
     def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
-        """Whether it is still of a run's results."""
+        """Whether the study still belongs to a run's results."""
         result = results.get(self.calibration)
         return result is not None and self.kind.is_of(self.study, result)
 
 
 def has_values(result: CalibrationResult, values: Mapping[str, float]) -> bool:
-    """Whether the values of a result [SI by label] are these."""
+    """Whether the study has the values of a result [SI by label]."""
     return dict(values) == {label: e.value for label, e in result.parameters.items()}

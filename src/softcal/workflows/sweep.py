@@ -38,7 +38,7 @@ FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was
 @displayed
 @dataclass(frozen=True)
 class Swept(Outcome):
-    """What a sweep of a project found.
+    """The result of a sweep of a project.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ def sweep(
         }
     )
     if folder is None and resume:
-        raise InputError(Fault("there is no sweep to resume without its folder", attempt="out"))
+        raise InputError(Fault("a sweep is resumed from its folder, which is missing", attempt="out"))
     if folder is not None and resume:
         reopen_run(project, folder)
     elif folder is not None:
@@ -232,7 +232,7 @@ def failed_csv(problem: Problem, trials: Sequence[Trial]) -> str:
 
 
 def sweep_json(found: Swept) -> dict[str, Any]:
-    """What result.json holds of a sweep beside the best cell's fit."""
+    """Content of result.json of a sweep beside the best cell's fit."""
     result, known = found.result, found.nominal
     errors = section_errors(result, known.errors)
     return {

@@ -73,7 +73,7 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
     states
         Commands that are tried inside the limits; by default 64, 256 or 512 for one, two or three channels.
     seed
-        Of these commands.
+        Seed of these commands.
     picture
         A new file, .png or .svg: the workspace over its channels.
     out
@@ -101,7 +101,7 @@ def workspace(  # noqa: PLR0913 (one keyword for each option)
     if out is not None:
         require_free_folder(Path(out))
         if isinstance(twin, Robot):
-            raise InputError(Fault("the record of a robot alone would name no project", "out", attempt="a project"))
+            raise InputError(Fault("a folder needs a project, not a robot alone", "out", attempt="a project"))
     run = None if isinstance(twin, Robot | Project) or not Path(twin).is_dir() else load_run(Path(twin))
     project = twin if isinstance(twin, Robot | Project) else load_calibrated(Path(twin))
     robot = project if isinstance(project, Robot) else project.robot

@@ -53,7 +53,7 @@ def bootstrap(
     samples
         Number of draws.
     seed
-        Of the random numbers; the same seed gives the same draws.
+        Seed of the random numbers; the same seed gives the same draws.
     workers
         An executor, or a number of processes that simulate.
     progress
@@ -64,7 +64,7 @@ def bootstrap(
     ParameterError
         For a number out of range.
     InputError, SimulationError
-        As `resampled`.
+        See `resampled`.
     """
     began = time.perf_counter()
     require_at_least(samples=(samples, 100), seed=(seed, 0))

@@ -127,7 +127,7 @@ class IntervalStudy:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What the comparison with the quick intervals says."""
+        """Sentence on the comparison with the quick intervals."""
         found = tuple(
             f"{label}: the interval by {self.by} is {one.text(one.found)}, the quick one {one.text(one.quick)}"
             f"{one.reason and f': {one.reason}'}."

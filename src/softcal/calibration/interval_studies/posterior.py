@@ -90,7 +90,7 @@ def posterior(
     samples
         Number of draws.
     seed
-        Of the random numbers; the same seed gives the same draws.
+        Seed of the random numbers; the same seed gives the same draws.
     simulations
         Evaluations of the twin, at most.
     workers

@@ -156,7 +156,7 @@ def jackknife(problem: Problem, theta: Mapping[str, float], *, over: str = "") -
     Raises
     ------
     InputError, SimulationError
-        As `resampled`.
+        See `resampled`.
     """
     began = time.perf_counter()
     found = resampled(problem, theta, over)

@@ -112,7 +112,7 @@ def fitted_surrogate(z: Floats, values: Floats, jacobians: Floats, covariance: F
 
 
 def _missed_by_others(terms: Floats, residuals: Floats) -> float:
-    """Sum of squared errors of the values of each point, predicted without it."""
+    """Sum of squared errors of the predictions of each point from the other points."""
     n, rows, _ = terms.shape
     left = np.linalg.svd(terms.reshape(n * rows, -1), full_matrices=False)[0].reshape(n, rows, -1)
     total = 0.0

@@ -202,7 +202,7 @@ class Experiment(Checked):
         return np.all([np.isfinite(self.dataset.values(part)) for part in parts], axis=0)
 
     def sigma(self, channel: str) -> Floats:
-        """The noise of every sample of a channel, 0 where unknown: the table's `_sd` column, or the channel's own."""
+        """Noise of every sample of a channel, 0 where unknown: the table's `_sd` column, or the channel's sigma."""
         deviation = self.dataset.channels.get(str(channel_name(channel).deviation))
         if deviation is not None:
             return deviation.values
@@ -210,14 +210,14 @@ class Experiment(Checked):
 
     @property
     def times(self) -> Floats | None:
-        """The times of its samples (n_samples,) [s]; None where one of them is not known."""
+        """The times of the samples (n_samples,) [s]; None where any of them is missing."""
         known = self.dataset.values("time") if "time" in self.dataset.channels else np.full(1, np.nan)
         return known if bool(np.all(np.isfinite(known))) else None
 
     @property
     def elapsed(self) -> Floats:
-        """The part of the record's time that has passed at each sample (n_samples,) [-], or of its samples where their
-        times are not known.
+        """The fraction of the record's duration at each sample (n_samples,) [-]; where times are missing, of the number
+        of samples.
         """
         times = np.arange(self.dataset.n_samples, dtype=np.float64) if self.times is None else self.times
         begun = times - times.min()

@@ -17,7 +17,7 @@ from softcal.twin.robot import Robot
 
 
 def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -> list[Fault]:
-    """What in an experiment cannot be compared under the friction of its pulleys and cables.
+    """Faults of an experiment that cannot be compared with the friction of its pulleys and cables.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ class Loss(ABC):
 
     @abstractmethod
     def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        """What keeps these experiments from being judged by this loss."""
+        """Faults of experiments that this loss cannot judge."""
 
 
 class SumOfSquares(Loss):
@@ -184,7 +184,7 @@ class SumOfSquares(Loss):
 
 
 def _faults(loss: type[Loss], known: Mapping[str, type[Loss]]) -> list[Fault]:
-    """What a class that is to be registered lacks, and options of its own that are others' too."""
+    """Faults of a class that is to be registered: missing members, and options that other classes have."""
     if not (isinstance(loss, type) and issubclass(loss, Loss)):
         return [Fault("this is not a loss", "loss", repr(loss)[:60], "a subclass of softcal.Loss")]
     where = f"loss {loss.__name__}"

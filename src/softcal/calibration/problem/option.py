@@ -73,7 +73,7 @@ def option_faults(member: HasOptions, of: str, where: str, known: Mapping[str, H
     faults: list[Fault] = []
     for option in member.options:
         if option.name in TAKEN:
-            what = "the calibration has something else of this name"
+            what = "the name is taken by another setting of the calibration"
             faults.append(Fault(what, where, option.name, attempt="another name"))
         elif taken.get(option.name, option) != option:
             what = f"another {' or '.join(FAMILIES)} has an option of this name and of another kind or default"

@@ -220,7 +220,7 @@ def search_space(
         for info in infos:
             if parameter.unit != info.unit:
                 of = f" ({info.name})" if info.name != parameter.name else ""
-                faults.append(Fault("the unit is not the parameter's" + of, parameter.label, parameter.unit, info.unit))
+                faults.append(Fault("the parameter has another unit" + of, parameter.label, parameter.unit, info.unit))
             for what, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
                 if (fault := info.quantity.fault(bound, parameter.label)) is not None:
                     faults.append(replace(fault, what=f"the {what} is outside what the parameter may be"))

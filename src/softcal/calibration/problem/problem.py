@@ -102,9 +102,9 @@ class Evaluation:
 
 
 class Contribution(NamedTuple):
-    """What one trajectory contributes to an evaluation.
+    """The contribution of one trajectory to an evaluation.
 
-    observations: experiment -> what was predicted for it; failure: as of `Evaluation`.
+    observations: experiment -> its predictions; failure: see `Evaluation`.
     """
 
     observations: Mapping[str, Observation]
@@ -200,7 +200,7 @@ class Problem:
         return self.joined(theta, parts, time.perf_counter() - began)
 
     def part(self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool) -> Contribution:
-        """What one of its trajectories contributes to the evaluation at theta.
+        """The contribution of one trajectory to the evaluation at theta.
 
         With the jacobian, as in a search, it shares the load path of one actuator with others, and its curve is
         interpolated the less closely the further it is from the measurements.
@@ -260,7 +260,7 @@ class Problem:
         return self.judge(theta, observations, len(parts), n_factorisations, seconds)
 
     def failed(self, theta: Mapping[str, float], failure: str) -> Evaluation:
-        """An evaluation at theta of which nothing is known but why it failed."""
+        """A failed evaluation at theta, with nothing but the reason of the failure."""
         return self._failed(theta, failure, {}, 0, 0, 0.0)
 
     def _failed(
@@ -414,7 +414,7 @@ class Problem:
     def _unstated(
         self, experiment: Experiment, channel: str, seen: Observation, stated: Container[str]
     ) -> tuple[bool, dict[str, tuple[Floats, float]]]:
-        """Whether nothing is stated on the drift of a channel's instrument, and the channel's `Block.unstated`.
+        """Whether no statement is made on the drift of a channel's instrument, and the channel's `Block.unstated`.
 
         A machine that yields by c under the tension T pulls a cable by c T less, as a slack of that size does: its
         effect is known where the slack is among the parameters.

@@ -1,4 +1,4 @@
-"""What can be wrong with a calibration problem before anything is simulated."""
+"""Faults of a calibration problem that show before any simulation."""
 
 from __future__ import annotations
 

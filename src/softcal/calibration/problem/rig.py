@@ -50,7 +50,7 @@ class Pulleys(Declared):
 
 @dataclass(frozen=True, kw_only=True)
 class CommonRig(Declared):
-    """What all experiments of a bench share.
+    """Parameters of the rig that all experiments of a bench share.
 
     Attributes
     ----------

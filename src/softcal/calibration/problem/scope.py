@@ -1,4 +1,4 @@
-"""Which parameters of the robot and the rig have one value, and in which experiments: of free and of uncertain ones."""
+"""The scope of free and uncertain parameters of the robot and the rig: the experiments in which they have one value."""
 
 from __future__ import annotations
 

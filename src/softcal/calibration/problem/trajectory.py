@@ -55,8 +55,8 @@ class Trajectory:
         )
 
     def controls(self, free: set[str]) -> list[str]:
-        """What else the response is derived by: commands of several actuators, where free rig values change them; or in
-        a robot that remembers these values.
+        """Further names by which the response has derivatives: the commands of several actuators, where free rig values
+        change them; in a robot with a memory, these values.
         """
         _, told = self.members[0]
         if self.remembers:

@@ -110,7 +110,7 @@ def uncertain_parameters(
                 continue
             label = parameter.label
             faults += [
-                Fault("the unit is not the parameter's", label, parameter.unit, known[target].unit)
+                Fault("the parameter has another unit", label, parameter.unit, known[target].unit)
                 for target in parameter.targets
                 if known[target].unit != parameter.unit
             ]

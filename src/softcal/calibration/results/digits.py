@@ -50,7 +50,7 @@ def interval_share(estimate: Estimate) -> float | None:
 
 
 def is_determined(estimate: Estimate) -> bool:
-    """Whether the 95 % interval excludes more than a tenth of the allowed range; True where there is none."""
+    """Whether the 95 % interval excludes more than a tenth of the allowed range; True without a range."""
     share = interval_share(estimate)
     return share is None or share < _WHOLE
 
@@ -81,7 +81,7 @@ def difference(estimate: Estimate, value: float, unit: str = "") -> str:
     Parameters
     ----------
     estimate, value, unit
-        As of `shown`.
+        See `shown`.
     """
     factor, half = unit_factor(unit or display_unit(estimate), estimate.unit), half_width(estimate)
     return rounded(value / factor, half and half / factor, least=int(estimate.scale == "log"))

@@ -42,7 +42,7 @@ def hold(path: Path, *, wait: bool = False, opener: Callable[[str, int], int] | 
 
 
 def hold_in(path: Path, what: str, other: str) -> BinaryIO:
-    """As `hold`, of a file that stands for its folder.
+    """See `hold`; of a file that stands for its folder.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def lock(file: BinaryIO, *, wait: bool = False) -> None:
     Raises
     ------
     OSError
-        As `hold`.
+        See `hold`.
     """
     if sys.platform == "win32":
         import msvcrt

@@ -66,7 +66,7 @@ def decode(payload: bytes, path: Path, what: str) -> dict[str, Observation]:
         units: dict[str, dict[str, str]] = {}
         with np.load(io.BytesIO(payload), allow_pickle=False) as held:
             if sum(one.file_size for one in held.zip.infolist()) > _LARGEST:  # to which zipfile keeps as it unpacks
-                raise ValueError(f"they unpack to more than {_LARGEST} bytes")
+                raise ValueError(f"the unpacked arrays have more than {_LARGEST} bytes")
             for i, key in enumerate(held["keys"].tolist()):
                 kind, name, channel, *last = key.split(_SEPARATOR)
                 values = held[str(i)]

@@ -156,7 +156,7 @@ class ExperimentFit(ReadOnly):
 
     @property
     def alone(self) -> tuple[str, ...]:
-        """The compared channels that are no coordinate of a distance."""
+        """The compared channels other than the coordinates of points, which are compared by their distances."""
         return tuple(channel for channel in self.rmse if channel_name(channel).point not in self.distances)
 
     @property
@@ -283,11 +283,11 @@ class SearchResult(Schema, ResultPlots, ABC):
     @property
     @abstractmethod
     def missed_minimum(self) -> bool:
-        """Whether the search was for a minimum of the loss, and ended before it reached one."""
+        """Whether the search was to minimise the loss, and ended before a minimum."""
 
     @property
     def is_saturated(self) -> bool:
-        """Whether at least as many parameters as measured values were fitted: the fit is then exact whatever the true
+        """Whether at least as many parameters as measured values were fitted: the fit is then exact for any true
         values.
         """
         return sum(fit.n_values for fit in self.experiments.values()) <= len(self.parameters)

@@ -41,12 +41,12 @@ class ResultPlots:
         experiment
             Name of the experiment; by default the first.
         ax
-            Where it is drawn; by default in a new figure.
+            Axes to draw into; by default those of a new figure.
 
         Raises
         ------
         ParameterError
-            Where there is no such experiment or channel, or what is given are no axes.
+            Where there is no such experiment or channel, or `ax` are no axes.
         """
         return plotted("plot_fit", self, channel, experiment, ax)
 
@@ -58,12 +58,12 @@ class ResultPlots:
         parameter
             Its name without an experiment; by default the first.
         ax
-            Where they are drawn; by default in a new figure.
+            Axes to draw into; by default those of a new figure.
 
         Raises
         ------
         ParameterError
-            Where there is no such parameter, or what is given are no axes.
+            Where there is no such parameter, or `ax` are no axes.
         """
         return plotted("plot_intervals", self, parameter, ax)
 
@@ -75,11 +75,11 @@ class ResultPlots:
         parameter
             Its name; by default the first, or both of a search without derivatives over two or more.
         ax
-            Where it is drawn; by default in a new figure.
+            Axes to draw into; by default those of a new figure.
 
         Raises
         ------
         ParameterError
-            Where there is no such parameter, or what is given are no axes.
+            Where there is no such parameter, or `ax` are no axes.
         """
         return plotted("plot_loss", self, parameter, ax)

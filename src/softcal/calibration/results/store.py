@@ -251,7 +251,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """As `write_text`, of any content.
+    """See `write_text`; for bytes.
 
     Raises
     ------

@@ -78,7 +78,7 @@ def read_record(kind: type[R], path: Path, what: str, form: int | None = None) -
     Parameters
     ----------
     kind, what, form
-        As of `as_record`.
+        See `as_record`.
     path
         The file.
     """
@@ -193,7 +193,7 @@ def as_document(text: bytes, path: Path, what: str) -> dict[str, Any]:
     Parameters
     ----------
     text, path, what
-        As of `as_record`.
+        See `as_record`.
     """
     try:
         return _DOCUMENT.validate_json(text)
@@ -223,7 +223,7 @@ def read_bytes(path: Path, what: str, most: int = _LARGEST) -> bytes:
 
 
 def damaged(path: Path, what: str, error: ValidationError) -> StorageError:
-    """What a schema finds wrong in a stored file, as faults.
+    """The faults of a stored file by a schema.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ class TrialJournal:
             for frozen in held[self._n_read :]:
                 stored = as_stored(frozen, frozen.user_attrs, self._path.parent)
                 if stored.trial.number in self._rows:
-                    raise contradiction(self._path, _WHAT, f"trial {stored.trial.number} is there twice")
+                    raise contradiction(self._path, _WHAT, f"trial {stored.trial.number} occurs twice")
                 self._rows[stored.trial.number] = stored
             self._n_read = len(held)
         return dict(sorted(self._rows.items()))
@@ -277,7 +277,7 @@ def cut_to_whole_lines(path: Path) -> None:
 
 
 def _whole_lines(file: BinaryIO) -> tuple[int, bytes]:
-    """Where the last whole line of a file ends, and that line without its end.
+    """End of the last whole line of a file, and the line without its newline.
 
     Raises
     ------
@@ -296,7 +296,7 @@ def _whole_lines(file: BinaryIO) -> tuple[int, bytes]:
 
 
 def attributes(stored: StoredTrial) -> dict[str, Any]:
-    """What softcal keeps of a trial in Optuna's user attributes, with the digest of all that is known of it."""
+    """Record of a trial in Optuna's user attributes, with the digest of all its data."""
     trial = stored.trial
     held = {
         "reason": trial.reason,

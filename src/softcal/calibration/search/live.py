@@ -1,4 +1,4 @@
-"""What a search is doing at this moment, in a file of its run folder that other processes may read.
+"""The present activity of a search, in a file of its run folder that other processes may read.
 
     live.json   progress, stage, executor and workers; replaced as a whole, about once a second while the search works
 

@@ -113,7 +113,7 @@ class Optimiser(ABC):
 
 
 def _faults(optimiser: type[Optimiser], known: Mapping[str, type[Optimiser]]) -> list[Fault]:
-    """What a class that is to be registered lacks."""
+    """Faults of a class that is to be registered."""
     if not (isinstance(optimiser, type) and issubclass(optimiser, Optimiser)):
         return [Fault("this is not an optimiser", "method", repr(optimiser)[:60], "a subclass of softcal.Optimiser")]
     where = f"optimiser {optimiser.__name__}"

@@ -259,7 +259,7 @@ def bound_note(label: str, estimate: Estimate) -> Remark:
 
 
 def beyond_text(estimate: Estimate) -> str:
-    """How far beyond a bound that it contradicts the best fit is, the end of a sentence."""
+    """End of a sentence on the distance of the best fit beyond a bound that it contradicts."""
     return f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {CONTRADICTED}."
 
 
@@ -280,7 +280,7 @@ def fanova_importance(space: SearchSpace, trials: list[tuple[dict[str, float], f
     trials
         Completed ones: theta [SI by label], loss.
     seed
-        Of fANOVA's random numbers.
+        Seed of fANOVA's random numbers.
     """
     import optuna
 

@@ -65,7 +65,7 @@ Observer = Callable[[Progress], None]
 
 @dataclass(frozen=True)
 class Search:
-    """What is searched, and how.
+    """The problem of a search, and its settings.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """The outcome of a search.
 
     Attributes
     ----------
@@ -342,7 +342,7 @@ def open_run(search: Search, folder: Path | None, resume: bool, files: Mapping[s
     """
     if folder is None:
         if resume:
-            raise StorageError(Fault("there is no run to resume without its folder", "store"))
+            raise StorageError(Fault("a run is resumed from its folder, which is missing", "store"))
         return None
     space, identity, settings = search.problem.space, search.identity, search.settings
     if resume:

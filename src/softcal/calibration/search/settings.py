@@ -26,7 +26,7 @@ class SearchSettings(Checked):
     trials
         Budget: trials, of "least-squares" those of each start; grid points at most. The optimiser's own when None.
     seed
-        Of the starts and of TPE. Everything else is deterministic.
+        Seed of the starts and of TPE. Everything else is deterministic.
     hold_out
         Experiments that are not fitted but predicted afterwards; see `softcal.calibration.search.hold_out`.
     batch

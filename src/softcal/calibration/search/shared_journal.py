@@ -22,16 +22,16 @@ NO_JOURNAL, ANOTHER = "this file is no journal of a study", "journal:FILE of a n
 
 
 def is_new_journal(path: Path) -> bool:
-    """Whether a journal is still to be made; it is not made, and one that is there is not changed.
+    """Whether a journal does not exist yet; none is created, and an existing one is not changed.
 
     Raises
     ------
     StorageError
-        Where it cannot be made, or a file is there that is no journal.
+        Where it cannot be created, or an existing file is no journal.
     ValueError, RecursionError
-        Where the last line of one that is there is damaged.
+        Where the last line of an existing journal is damaged.
     OSError
-        Where the one that is there cannot be read, written or locked.
+        Where an existing journal cannot be read, written or locked.
     """
     if not_a_file(path):
         folder = path.resolve().parent
@@ -83,14 +83,14 @@ def open_journal(path: Path) -> optuna.storages.BaseStorage:
 
 
 def _require_journal(path: Path) -> None:
-    """Raise where a file is there that is no journal: it is the user's, and nothing is written into it.
+    """Raise an error if a file is no journal: it belongs to the user, and nothing is written into it.
 
-    Only its beginning and its last line are looked at; Optuna reads the lines between, and says what is wrong there.
+    Only its beginning and its last line are checked; Optuna reads the lines between, and reports their faults.
 
     Raises
     ------
     StorageError, ValueError, RecursionError
-        As said.
+        Where it is no journal, or its last line is damaged.
     OSError
         Where it cannot be read.
     """

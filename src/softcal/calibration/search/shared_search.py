@@ -50,7 +50,7 @@ _SAME = 1e-6  # relative; of a loss that is computed again on another machine
 
 @dataclass(frozen=True)
 class Sharing:
-    """How a search is shared.
+    """Settings of a shared search.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def require_shareable(search: Search, sharing: Sharing, folder: Path | None = No
     search, sharing
         What is searched, and the study that it is to share.
     folder
-        Of a run that is resumed.
+        Folder of a run that is resumed.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def searched_together(
     search, sharing
         What is searched, and the study that is shared.
     workers, store, resume, files, progress
-        As of `searched`.
+        See `searched`.
 
     Raises
     ------
@@ -195,7 +195,7 @@ class _SharedTally:
         self.mine += self.study.tell(stored)
 
     def look(self) -> bool:
-        """Take in what any process has told; whether there was anything."""
+        """Read the trials that any process has told; True if there were new ones."""
         n_before = len(self.told)
         told = self.study.outcomes()
         if self._run is not None:

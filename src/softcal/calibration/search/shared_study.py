@@ -52,7 +52,7 @@ _PIECES = "pieces"
 
 
 class _About(Record):
-    """What a study is, as its first process wrote it."""
+    """Description of a study, as its first process wrote it."""
 
     format: Count
     identity: dict[str, str]
@@ -61,7 +61,7 @@ class _About(Record):
 
 @dataclass(frozen=True)
 class StudyIdentity:
-    """What a shared study is a search of.
+    """Description of the search of a shared study.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def joinable_trials(place: StorageUrl, about: StudyIdentity, space: SearchSpace)
         elif trials and attribute(study.user_attrs, OUTCOME) is None:
             raise _not_softcals(place, about)  # softcal says what a study is before its first trial
         if study.directions != [optuna.study.StudyDirection.MINIMIZE]:
-            raise StorageError(Fault("the shared study has another aim than the lowest loss", place.shown, about.name))
+            raise StorageError(Fault("the shared study does not minimise its objective", place.shown, about.name))
         return {one.number: _outcome(one, place, about, space) for one in trials if _is_outcome(one)}
 
 
@@ -342,7 +342,7 @@ class SharedStudy:
 def _outcome(
     frozen: optuna.trial.FrozenTrial, place: StorageUrl, about: StudyIdentity, space: SearchSpace
 ) -> StoredTrial:
-    """What a trial gave.
+    """The outcome of a trial.
 
     Raises
     ------
@@ -412,7 +412,7 @@ def set_attribute(set_one: Callable[[str, Any], None], key: str, value: Any) -> 
     Parameters
     ----------
     set_one
-        Optuna's `set_user_attr` of it.
+        `set_user_attr` of the study or the trial.
     key, value
         The attribute.
     """

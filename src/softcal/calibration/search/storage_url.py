@@ -1,4 +1,4 @@
-"""Where processes share a study: the URL of a journal file or a database, opened by Optuna, or refused in a sentence.
+"""Storage of a shared study: the URL of a journal file or a database, opened by Optuna, or refused in a sentence.
 
 A password is never shown, whatever is wrong with it or the URL.
 """
@@ -63,7 +63,7 @@ _CERTAIN = re.compile(r"//(?P<user>[^@/?]*@)?(?P<place>([\w.-]*|\[[0-9a-fA-F:]*\
 
 
 class UnansweredError(StorageError):
-    """A database that did not do what it was asked, such as while it is started again; it may, later."""
+    """A database that did not answer a request, such as during a restart; a later request may succeed."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class StorageUrl:
     Attributes
     ----------
     shown
-        As it may be printed.
+        The place without passwords, for printing.
     file
-        Of a journal, or None.
+        File of a journal, or None.
     url
-        Of a database, its driver among it, or "".
+        URL of a database with its driver, or "".
     """
 
     shown: str
@@ -85,12 +85,12 @@ class StorageUrl:
     url: str = field(default="", repr=False)
 
     def is_new(self) -> bool:
-        """Whether it is a journal that is still to be made; nothing is made, and nothing of the user's is changed.
+        """Whether the storage is a journal that does not exist yet; nothing is created or changed.
 
         Raises
         ------
         StorageError
-            Where it cannot be made, or a file is there that cannot be used.
+            Where the journal cannot be created, or an existing file cannot be used as one.
         """
         if self.file is None:
             return False
@@ -99,7 +99,7 @@ class StorageUrl:
 
     @contextlib.contextmanager
     def opened(self) -> Generator[optuna.storages.BaseStorage]:
-        """Optuna's storage there, closed at the end; what it needs is made, such as the tables of an empty database.
+        """Optuna's storage at this place, closed at the end; an empty database gets its tables.
 
         Raises
         ------
@@ -248,7 +248,7 @@ def storage_url(text: str) -> StorageUrl:
         if set(url.query) - _OPTIONS:
             options = ", ".join(sorted(_OPTIONS))
             raise StorageError(
-                Fault("the URL of the database has an option that it may not have", where, shown, options)
+                Fault("the URL of the database has an option that is not allowed", where, shown, options)
             )
         return StorageUrl(shown, url=url.render_as_string(hide_password=False))
     except (ValueError, sqlalchemy.exc.ArgumentError):
@@ -279,7 +279,7 @@ def _database(url: str) -> optuna.storages.BaseStorage:
 
 
 def _reason(error: BaseException) -> str:
-    """What a driver says, without the statement and the pages that SQLAlchemy adds."""
+    """The message of a driver, without the statement and the pages that SQLAlchemy adds."""
     origin = error.__cause__ if error.__cause__ is not None else error
     origin = getattr(origin, "orig", None) or origin
     said = [a.get("M", "") if isinstance(a, dict) else a for a in getattr(origin, "args", ())]  # pg8000: by field

@@ -49,7 +49,7 @@ class AddedChannel:
     Attributes
     ----------
     name
-        Of the channel.
+        Name of the channel.
     answer, own
         d channel / dz (n, size) of the calibration's parameters, and (n, q) of the test's own [SI].
     like
@@ -87,7 +87,7 @@ class AddedTest:
     Attributes
     ----------
     name
-        Of the test.
+        Name of the test.
     channels
         What it would measure.
     serves
@@ -115,7 +115,7 @@ class AddedTest:
 
 @dataclass(frozen=True)
 class ExpectedEstimates:
-    """What is expected of the calibration's parameters: as of an `Estimator`, of size (size,) and (size, size).
+    """The expected estimates of the calibration's parameters; fields as in `Estimator`, (size,) and (size, size).
 
     step: from the calibration's minimum to that of the unbounded model (size,). The test is expected to agree with that
     minimum, also where a bound is what determines it.
@@ -166,14 +166,14 @@ def with_added_test(
     added: AddedTest,
     uncertain: Sequence[UncertainParameter] = (),
 ) -> ExpectedEstimates:
-    """What is expected after a test is added to a calibration.
+    """The expected estimates after a test is added to a calibration.
 
     Parameters
     ----------
     loss, blocks, slopes, serves, uncertain
-        As of `estimator`.
+        See `estimator`.
     found
-        The estimator that these made.
+        The estimator from these arguments.
     added
         The test.
     """
@@ -290,7 +290,7 @@ def _record(part: ScaledBlock, process: Process | None) -> ErrorRecord:
 
 
 def _add_source(sources: list[Source], part: ScaledBlock, noise: _Noise, dof: float) -> None:
-    """Add the errors of an added channel: to a source of the same kind and size, or as one of their own."""
+    """Add the errors of an added channel to the source of the same kind and size, or else as a new source."""
     size, process = float(np.sqrt(noise.white)) / noise.unit, noise.process(len(part.residual))
     added = _record(part, process)
     for i, source in enumerate(sources):
@@ -309,7 +309,7 @@ def _alike(source: Source, size: float, process: Process | None) -> bool:
 
 
 def _differing(found: Estimator) -> list[tuple[int, Between]]:
-    """The parameters in which the experiments differ, with their places in the order in which they were found."""
+    """The parameters in which the experiments differ, with their indices in `between`."""
     return [(i, one) for i, one in enumerate(found.between) if one.effects.differs]
 
 

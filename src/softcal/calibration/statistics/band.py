@@ -30,7 +30,7 @@ def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, fou
     slopes
         Derivative (n, size) of the prediction by the point of the unit box.
     covariance
-        Of the estimates that predict, shape (size, size).
+        Covariance of the estimates that predict, shape (size, size).
     found
         The estimator of all experiments: their noise, and how they differ.
     """
@@ -43,7 +43,7 @@ def width_of(slopes: Floats, covariance: Floats, found: Estimator, noise: Floats
     Parameters
     ----------
     slopes, covariance, found
-        As of `half_width`.
+        See `half_width`.
     noise
         Standard deviation [SI] of a measurement; 0 for the band of the robot itself.
     """
@@ -78,7 +78,7 @@ def further_variance(one: Between, found: Estimator, square: Floats, mean: Float
 
 
 def noise_of(loss: Loss, block: Block, found: Estimator) -> Floats | float:
-    """The standard deviation [SI] of the measurements of a block: of each (n,) where it is stated.
+    """The standard deviation [SI] of the measurements of a block: one for each (n,) where the noise is stated.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def repeat_bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Est
     Parameters
     ----------
     loss, slopes, blocks, found
-        As of `bands`.
+        See `bands`.
     """
     from scipy.ndimage import uniform_filter1d
 

@@ -1,4 +1,4 @@
-"""How the experiments of a joint fit differ in the parameters that they share, from the jacobians at its minimum.
+"""Differences between the experiments of a joint fit in their shared parameters, by the jacobians at its minimum.
 
 In experiment i alone, the shared parameter p and the experiment's own parameters (its slack, its offsets) move by
 
@@ -47,7 +47,7 @@ _BLURRED = 1e3  # an experiment whose step is so many times as uncertain as the 
 
 @dataclass(frozen=True)
 class Between:
-    """How experiments differ in one shared parameter, in the unit box of the search.
+    """The differences of the experiments in one shared parameter, in the unit box of the search.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Between:
     responses
         Experiment -> response (size,) of its step to the pull of its residuals.
     kind
-        What is compared: "experiments", or "set-ups", of which is then said all that is said of experiments here.
+        "experiments" or "set-ups"; for set-ups, read "set-up" in the place of "experiment" everywhere here.
     """
 
     column: int
@@ -81,7 +81,7 @@ class Between:
 
     @property
     def has_interval(self) -> bool:
-        """Whether the experiments are enough to say where the mean of more of them would be: three or more."""
+        """Whether the experiments are enough for an interval of their population's mean: three or more."""
         return len(self.steps) > 2
 
 
@@ -99,8 +99,8 @@ class Alone:
 class OwnStep:
     """One experiment's own step, its variance by the noise within the experiment, and that variance's dof.
 
-    response: of the step to the pull of the experiment's residuals, shape (size,); beside: the steps (size,) of all
-    parameters with it.
+    response: response (size,) of the step to the pull of the experiment's residuals; beside: the steps (size,) of all
+    parameters together with it.
     """
 
     value: float
@@ -111,7 +111,7 @@ class OwnStep:
 
 
 class Apart:
-    """Experiments by themselves: what is computed of one is kept, for it is the same beside any others."""
+    """Cache of the results of single experiments, which do not depend on the other experiments."""
 
     def __init__(self) -> None:
         self.alone = cache(_alone)
@@ -126,7 +126,7 @@ def between_experiments(
     members: Mapping[str, Sequence[str]] | None = None,
     apart: Apart | None = None,
 ) -> tuple[Between, ...]:
-    """The shared parameters that can be compared between two experiments or more, those that differ first.
+    """The shared parameters that can be compared between two experiments or more, with differing parameters first.
 
     A parameter cannot be what differs where an experiment's own value of it, or of one in which they differ already,
     would lie outside the search box.
@@ -140,11 +140,11 @@ def between_experiments(
     z
         The joint minimum in the unit box (size,).
     uncertain
-        Those of the parts' `systematic`: an error that an experiment has alone can be why it differs.
+        Parameters of the parts' `systematic`: an error of one experiment alone can be the reason why it differs.
     members
-        Set-up -> its experiments, where it is set-ups that are compared, and that the other arguments name.
+        Set-up -> its experiments, where set-ups are compared; the other arguments then have names of set-ups.
     apart
-        What is kept of the same parts from other comparisons.
+        Cached results of the same parts from other comparisons.
     """
     apart = apart or Apart()
     left = [int(j) for j in np.flatnonzero(np.sum(list(serves.values()), axis=0) > 1)]
@@ -221,7 +221,7 @@ def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> lis
     name, parts
         The experiment, and the parts of all.
     own
-        Whether each parameter (size,) is of that experiment alone.
+        Whether each parameter (size,) belongs to that experiment alone.
     """
     return [p for p in parts if p.experiment == name or (p.group == PRIOR and np.all(own[np.any(p.answer, axis=0)]))]
 
@@ -233,7 +233,7 @@ def _columns(on: np.ndarray) -> tuple[int, ...]:
 def _alone(
     name: str, parts: tuple[ScaledBlock, ...], serves: tuple[int, ...], errs: tuple[tuple[int, tuple[str, str]], ...]
 ) -> Alone | None:
-    """An experiment with the errors in it; None where its noise cannot be told from what it determines."""
+    """An experiment with the errors in it; None where its noise cannot be distinguished from its own parameters."""
     size = parts[0].pull.shape[1]
     inverse = _least_inverse([part.sums for part in parts], np.array(serves), size)
     noise, spent = white_noise(refitted(parts, inverse), inverse)
@@ -246,8 +246,8 @@ def _alone(
 def _compared(
     every: Sequence[Alone], own: np.ndarray, j: int, apart: Apart, z: Floats, among: Sequence[int]
 ) -> Between | None:
-    """How experiments differ in parameter j; None where fewer than two show it, or where an experiment's own value of
-    one `among` the parameters would lie outside the box.
+    """The differences of experiments in parameter j; None where fewer than two determine it, or an experiment's own
+    value of j or of one `among` the parameters would lie outside the box.
     """
     steps = {one.name: step for one in every if one.serves[j] and (step := own_step(one, own, j, apart)) is not None}
     clearest = min((step.variance for step in steps.values()), default=0.0)
@@ -266,16 +266,16 @@ def _compared(
 
 
 def own_step(alone: Alone, own: np.ndarray, j: int, apart: Apart | None = None) -> OwnStep | None:
-    """An experiment's own step in parameter j; None where it does not determine it.
+    """An experiment's own step in parameter j; None where the experiment does not determine the parameter.
 
     Parameters
     ----------
     alone, j
         The experiment, and the number of the parameter.
     own
-        Whether each parameter (size,) is of one experiment alone.
+        Whether each parameter (size,) belongs to one experiment alone.
     apart
-        What was computed of experiments before.
+        Cached results of single experiments.
     """
     return (apart or Apart()).own_step(alone, j, _columns(alone.serves & own))
 
@@ -300,7 +300,7 @@ def _own_step(alone: Alone, j: int, own: tuple[int, ...]) -> OwnStep | None:
 
 
 def _least_inverse(sums: Sequence[Sums], columns: Ints, size: int) -> Floats:
-    """As `_inverse`, with the pseudoinverse where the normal equations are singular."""
+    """See `_inverse`; the pseudoinverse where the normal equations are singular."""
     scaled, scale = _normal_equations(sums, columns, size)
     out = np.zeros((size, size))
     out[np.ix_(columns, columns)] = np.linalg.pinv(scaled, rcond=_NULL, hermitian=True) / np.outer(scale, scale)

@@ -43,7 +43,7 @@ def with_markers(
     Parameters
     ----------
     loss, z, slopes, blocks, uncertain
-        As of `estimator`.
+        See `estimator`.
     found
         The estimator that these made.
     """

@@ -36,11 +36,11 @@ class Budget:
     size: int
 
     def times(self, factor: float) -> Budget:
-        """The budget of errors that are so many times as large."""
+        """The budget with all errors multiplied by a factor."""
         return replace(self, sources=[source.times(factor) for source in self.sources])
 
     def joined(self, other: Budget) -> Budget:
-        """The budget of the errors of both."""
+        """The budget of the errors of this one and another."""
         return replace(self, sources=[*self.sources, *other.sources], responses=[*self.responses, *other.responses])
 
     def part(self, *kinds: str) -> Budget:
@@ -71,7 +71,7 @@ class Budget:
 
     @cached_property
     def dof(self) -> Floats:
-        """Of each parameter's variance, shape (size,), infinite where all noise is known."""
+        """Degrees of freedom of each parameter's variance, shape (size,), infinite where all noise is known."""
         answers, scatter = self._answers, np.zeros(self.size)
         for source, responses in zip(self.sources, self.responses, strict=True):
             scatter = scatter + source.scatter([one @ answers for one in responses])
@@ -88,7 +88,7 @@ class Budget:
 
     @cached_property
     def _answers(self) -> Floats:
-        """Columns: how each parameter's estimate answers to the steps of all, the others within their bounds."""
+        """Columns: response of each parameter's estimate to steps of all parameters, the others within their bounds."""
         covariance = self.root.T @ self.root
         columns: list[Floats] = []
         for j in range(self.size):

@@ -25,7 +25,7 @@ BINS = 100
 """A longer record is averaged to so many values: a correlation within one of them is part of its own noise."""
 FEWEST = 8  # values of a record in which a correlation can be seen
 _RATIO = 8.0
-"""Twice the log-likelihood that a process must gain: two parameters, one at its bound, at about 1 %."""
+"""Least gain of a correlated process in twice the log-likelihood: for two parameters, one at its bound, about 1 %."""
 _SHORTEST = 0.5  # correlation length [values]
 _LENGTHS = 24
 _SHARES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98, 0.99, 0.997, 0.999])
@@ -71,7 +71,7 @@ class ErrorRecord:
 
     @cached_property
     def process(self) -> Process | None:
-        """Its process, where no other record has the same."""
+        """The process of the record, where no other record has the same."""
         return _process([self])
 
     def on_grid(self, longest: int) -> Floats:
@@ -290,7 +290,7 @@ def span(columns: Floats) -> Floats:
 
 
 def triangle(rows: Floats) -> Floats:
-    """Rows with the same products of columns (n, k), k of them or fewer."""
+    """Triangular factor R of rows A (n, k), R^T R = A^T A, with at most k rows."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 

@@ -106,14 +106,14 @@ class Estimate:
 
     @property
     def noise_error(self) -> float | None:
-        """Standard error [unit] by what one experiment has by itself: noise, priors, what its data leave open within
-        bounds, and uncertain parameters of its own; without differences between experiments and what is uncertain in
-        all of them alike.
+        """Standard error [unit] from the sources within one experiment: noise, priors, the range within the bounds that
+        the data do not determine, and its own uncertain parameters; without differences between experiments and
+        uncertain parameters that they share.
         """
         return self.error_by("noise", DRIFT, "prior", BOUNDS)
 
     def error_by(self, *sources: str) -> float | None:
-        """Standard error [unit] by these sources, and by uncertain parameters of each experiment; None without one."""
+        """Standard error [unit] by these sources and the uncertain parameters of each experiment, if there is any."""
         if self.standard_error is None:
             return None
         other = sum(part for name, part in self.shares.items() if name not in sources and not name.endswith(EACH))
@@ -121,8 +121,8 @@ class Estimate:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether model and bounds contradict the data here: without the bound the best value would lie beyond it by
-        more than noise explains.
+        """Whether a bound contradicts the data: without it, the best value would lie beyond it by more than noise
+        explains.
         """
         return self.beyond is not None and self.beyond > BEYOND
 
@@ -133,14 +133,14 @@ class Estimate:
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
-        """Whatever stored file it is read from, its numbers agree with each other."""
+        """A schema that checks, for an estimate from a stored file, that its numbers agree with each other."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_after_validator_function(_possible, handler(source))
 
 
 def _possible(one: Estimate) -> Estimate:
-    """The estimate, where a search may have found it."""
+    """The estimate, if its numbers can be those of a search."""
     from pydantic_core import PydanticCustomError
 
     slack = _SAME * (one.lower if one.scale == "log" else one.upper - one.lower)

@@ -81,7 +81,7 @@ class Estimator:
     root
         `root.T @ root` is the covariance of z, shape (size, size); zero in unidentifiable directions.
     minimum
-        Of the unbounded quadratic model, shape (size,).
+        Minimum of the unbounded quadratic model, shape (size,).
     unseen
         Unidentifiable directions, to which no residual is sensitive, rows.
     beyond
@@ -172,8 +172,8 @@ def estimator(
 
 @dataclass(frozen=True)
 class Minimum:
-    """What an `Estimator` is made of: fields that it has too, the budget of errors without the factor of the bounds'
-    contradiction, and that of what the model misses, which this factor does not multiply.
+    """The fields of an `Estimator`, with its budget in two parts: that without the factor of the bounds' contradiction,
+    and that of what the model misses, which this factor does not multiply.
     """
 
     minimum: Floats
@@ -190,7 +190,7 @@ class Minimum:
 
     @cached_property
     def budget(self) -> Budget:
-        """With all errors but the misfits multiplied by the `contradiction`."""
+        """The budget of all errors, those but the misfits multiplied by the `contradiction`."""
         factor = contradiction(self.beyond)
         own = self.without_contradiction.times(factor) if factor > 1.0 else self.without_contradiction
         return own.joined(self.misfits)
@@ -275,7 +275,7 @@ def _named(part: ScaledBlock, experiment: str) -> ScaledBlock:
 
 
 def unseen_parameters(unseen: Floats) -> np.ndarray:
-    """Which parameters (size,) cannot be distinguished from others in unidentifiable directions (m, size)."""
+    """Mask (size,) of parameters that unidentifiable directions (m, size) make indistinguishable from others."""
     return np.abs(unseen).max(axis=0, initial=0.0) > _MIXED
 
 
@@ -286,7 +286,7 @@ def spent_groups(loss: Loss, slopes: Floats, blocks: Sequence[Block]) -> tuple[s
     Parameters
     ----------
     loss, slopes, blocks
-        As of `estimator`.
+        See `estimator`.
     """
     seen = [weighed(loss, one) for one in blocks]
     parts, inverse, _ = linearised(loss, seen, slopes)
@@ -328,7 +328,7 @@ class _LinearBlock:
 
     @cached_property
     def rows(self) -> Floats:
-        """Rows with the squares of the weighted derivatives, no more than parameters that have an effect."""
+        """Triangular factor R of the weighted derivatives J, R^T R = J^T J, for the parameters with an effect."""
         columns = self.part.sums.columns
         own = triangle(np.sqrt(self.seen.weights)[:, None] * self.jacobian[:, columns])
         rows = np.zeros((len(own), self.jacobian.shape[1]))
@@ -432,7 +432,7 @@ class Linear:
         return step
 
     def differences(self, between: Between) -> Source:
-        """The differences between experiments in a parameter as a source of error: each has its own value of it."""
+        """The source of error by the differences between experiments in a parameter, whose value is another in each."""
         moved = np.zeros(len(self.inverse))
         moved[between.column] = 1.0
         records = [
@@ -455,7 +455,7 @@ class Linear:
         return found
 
     def _pulled(self, name: str, moved: Floats) -> Floats:
-        """How the residuals of an experiment pull (size,) where the parameters move (size,)."""
+        """The pull (size,) of an experiment's residuals by a change (size,) of the parameters."""
         pull = np.zeros(len(moved))
         for part in self._of.get(name, []):
             pull[part.sums.columns] += part.sums.normal @ moved[part.sums.columns]

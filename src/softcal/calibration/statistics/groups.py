@@ -63,7 +63,7 @@ def groups_of(problem: Problem, blocks: Sequence[Block], kind: str) -> list[np.n
     if n < FEWEST:
         raise InputError(
             Fault(
-                f"there are too few {kind} to tell their scatter",
+                f"there are too few {kind} to estimate their scatter",
                 "--over",
                 str(n),
                 f"{FEWEST} or more",

@@ -1,4 +1,4 @@
-"""Which systematic error of an instrument would move an estimate by its interval.
+"""Systematic errors of instruments that would move an estimate by its interval.
 
 An error of a load cell or an IMU of one sign in all samples, an offset, a gain or a drift in proportion to time, is in
 no residual, nor is most of what a machine yields under the tension. By how much it would move the minimum is known from

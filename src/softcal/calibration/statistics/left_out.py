@@ -1,4 +1,4 @@
-"""How well the other experiments predict each one, from the jacobians at the joint minimum.
+"""Prediction of each experiment by the others, by the jacobians at the joint minimum.
 
 Without experiment i the minimum of the linear model moves by dz. The shared parameters move with it; the experiment's
 own ones (its slack, its offsets) are fitted to it, for no other experiment knows them. Where it is the set-ups that
@@ -60,7 +60,7 @@ def left_out(
     Parameters
     ----------
     loss, z, slopes, blocks, serves
-        As of `estimator`.
+        See `estimator`.
     found
         The estimator that these made.
     """

@@ -117,7 +117,7 @@ class LocalModel:
         return min(1.0, math.sqrt(error / change))
 
     def reproduces(self) -> bool:
-        """Whether it has the value and the first derivative of the twin at its own point, to nine digits."""
+        """Whether the model has the value and the first derivative of the twin at its own point, to nine digits."""
         slopes = self._space.jacobian(self._here.z)
         found, _ = self._residuals(self._here.z)
         for one, (residuals, jacobian) in zip(self._stacks, found, strict=True):
@@ -210,8 +210,8 @@ class LocalModel:
         return np.concatenate([self._loss.square_weights(self._here.blocks[number], part) for number, part in parts])
 
     def _residuals(self, x: Floats) -> tuple[list[tuple[Floats, Callable[[], Floats]]], Floats]:
-        """For every stack the residual (n,), and a function for its jacobian (n, k + 1): by x in the stack's columns,
-        and by the bend in the last one. Then the turn (size,) by x of all bends.
+        """Of every stack the residual (n,), and a function that returns its jacobian (n, k + 1): by x in the stack's
+        columns, and by the bend in the last column. Then the derivative (size,) of all bends by x.
         """
         w, slopes = self._coordinates(x)
         moved = w - self._w
@@ -300,7 +300,7 @@ class _AlikeBlocks:
 
 
 def jacobian_of(block: Block) -> Floats:
-    """The jacobian, which every block of a search by sensitivities has."""
+    """The block's jacobian, which is present in every search by sensitivities."""
     if block.jacobian is None:
         raise ValueError(f"the block '{block.channel}' has no jacobian")
     return block.jacobian

@@ -1,4 +1,4 @@
-"""What would explain the residuals of an experiment: each usual cause by its own shape along the record of a channel.
+"""Usual causes that would explain the residuals of an experiment, each by its shape along the record of a channel.
 
 Residuals r and shapes c are divided by the noise of their channel with its correlation along the record (REML), which
 is estimated beside all shapes, and are without what the fitted parameters can do in the experiment, by the jacobians. A

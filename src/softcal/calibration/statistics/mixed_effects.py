@@ -21,7 +21,7 @@ from softcal.checks import Floats
 
 @dataclass(frozen=True)
 class MixedEffects:
-    """What several estimates say of a linear model.
+    """Estimates of a linear model from several estimates.
 
     Attributes
     ----------

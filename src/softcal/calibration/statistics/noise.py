@@ -54,12 +54,12 @@ class Noise:
 
 @dataclass(frozen=True)
 class Sums:
-    """What a block has in the sums over its group, in the columns (k,) of the parameters that have an effect on it.
+    """A block's contributions to the sums over its group, in the columns (k,) of the parameters with an effect on it.
 
     Attributes
     ----------
     count, square
-        Number of its samples, and the sum of their squared residuals.
+        Number of samples, and the sum of their squared residuals.
     products
         answer^T answer, answer^T pull and pull^T pull, shape (3, k, k).
     """
@@ -87,31 +87,31 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class ScaledBlock:
-    """A block of n samples in units of its noise v. What it adds to sums is kept with it.
+    """A block of n samples in units of its noise v, with its cached contributions to sums.
 
     Attributes
     ----------
     experiment
-        Its experiment; "" for a prior.
+        Name of the experiment; "" for a prior.
     group
         The group of channels that have this noise.
     stated
-        Whether v is the stated noise; else it is one.
+        Whether v is the stated noise; else v is 1.
     answer
         J / v (n, size).
     pull
         W v J (n, size).
     residual
-        Over v (n,).
+        r / v (n,).
     systematic
         Change of the residual (n, k) over v by one standard deviation of each uncertain parameter.
     curving
-        As systematic, without the direction in which the loss is straight: what pulls on the joint minimum.
+        As `systematic`, without the direction in which the loss is straight: the part that pulls on the joint minimum.
     drift
-        How far a drift of the instrument has come (n,), over v; None where it has none, or something is stated on it.
+        Progress of a drift of the instrument (n,), over v; None without a drift, or where a statement on it is made.
     misfit
-        Changes of the residual (n, k) over v by what the model may miss, and the same as of `curving`; None where it is
-        noise.
+        Changes of the residual (n, k) over v by what the model may miss, and their part that pulls, as in `curving`;
+        None where the residual is noise.
     """
 
     experiment: str
@@ -127,7 +127,7 @@ class ScaledBlock:
 
     @cached_property
     def record(self) -> ErrorRecord:
-        """Averaged where it is long."""
+        """The record of the block, averaged where it is long."""
         return record(self.residual, self.answer, self.pull, self.experiment)
 
     @cached_property
@@ -258,7 +258,7 @@ def drift_sources(parts: Sequence[ScaledBlock], noise: Sequence[Source]) -> list
 
 
 def misfit_sources(parts: Sequence[ScaledBlock]) -> list[Source]:
-    """What the model may miss, by the usual causes of each channel: as much as they explain, or less."""
+    """Sources of error by the usual causes that the model may miss in each channel, as large as they are or smaller."""
     found: list[Source] = []
     for part in parts:
         if part.misfit is not None:

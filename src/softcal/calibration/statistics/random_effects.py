@@ -28,7 +28,7 @@ DIFFERS = 0.05
 
 @dataclass(frozen=True)
 class RandomEffects:
-    """What several experiments say of one quantity.
+    """Mean and spread of one quantity over several experiments.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Spread:
     weights
         Experiment -> weight of its value in their mean [-], sum 1.
     kind
-        What is compared: "experiments", or "set-ups", of which is then said all that is said of experiments here.
+        "experiments" or "set-ups"; for set-ups, read "set-up" in the place of "experiment" everywhere here.
     """
 
     values: Mapping[str, float]
@@ -122,7 +122,7 @@ def welch_test(values: Floats, variances: Floats, dof: Floats) -> tuple[float, f
     Parameters
     ----------
     values, variances, dof
-        As of `random_effects`.
+        See `random_effects`.
     """
     from scipy.special import chdtrc, fdtrc
 

@@ -20,9 +20,9 @@ CURVE, OF_CURVE = 1 / 5, 10
 """Share of the samples, and number: with fewer effective ones than both, residuals are a curve that the model misses. A
 long record of correlated noise is worth more."""
 FEWEST_OF_CURVE = 20
-"""Fewer residuals of white noise look like a curve too often."""
+"""Least number of residuals that can be called a curve: fewer of white noise look like one too often."""
 FEWEST = 8
-"""Fewer residuals show no correlation."""
+"""Least number of residuals that can show a correlation."""
 SHOWN = 5.0
 """Standard errors from which a cause is in the residuals beyond chance: of 200 right models, in at most one in 20."""
 _AROUND = 5  # samples in whose median a sample that is far off has no part
@@ -85,17 +85,17 @@ class ResidualRecord:
 
     @property
     def is_curve(self) -> bool:
-        """Whether they are a curve that the model misses, and no noise of single samples."""
+        """Whether the residuals are a curve that the model misses, not noise of single samples."""
         return self.n >= FEWEST_OF_CURVE and self.effective < min(CURVE * self.n, OF_CURVE)
 
     @property
     def is_misfit(self) -> bool:
-        """Whether they are more than noise: a curve, a usual cause beyond chance, outliers, or steps of readings."""
+        """Whether the residuals are more than noise: a curve, a usual cause beyond chance, outliers, or steps."""
         return self.is_curve or self.significance > SHOWN or bool(self.outliers) or self.step > 0.0
 
     @property
     def are_alike(self) -> bool:
-        """Whether neighbouring residuals are so alike that the samples tell far less than their number."""
+        """Whether neighbouring residuals are so correlated that the samples are worth far fewer independent ones."""
         return self.n >= FEWEST and self.effective < FEW * self.n
 
 

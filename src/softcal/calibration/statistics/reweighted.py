@@ -59,7 +59,7 @@ class Squares:
     rooted: bool
 
     def weighted(self, weights: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Their sums for weights (m, k + 1) of all groups; of the counts, the share that is left."""
+        """The sums for weights (m, k + 1) of all groups; in place of the counts, the share that remains of them."""
         own = weights[:, self.groups]
         shares = own @ self.counts / self.counts.sum()
         return np.tensordot(own, self.hessians, axes=1), own @ self.pulls, own @ self.values, shares
@@ -67,7 +67,7 @@ class Squares:
 
 @dataclass(frozen=True)
 class Reweighted:
-    """The parts of the groups in the minimum, in the unit box of the search.
+    """The contribution of each group to the minimum, in the unit box of the search.
 
     Attributes
     ----------
@@ -76,15 +76,15 @@ class Reweighted:
     z
         The simulated point, shape (size,).
     squares
-        The sums of squares; what is in no group, such as a prior, has the place k.
+        The sums of squares by group; squares in no group, such as those of a prior, have the index k.
     noises
         Covariances of the groups' pulls by white noise, shape (k, size, size).
     own
-        Whether a parameter has an effect on fewer than three groups, shape (size,): they do not tell its scatter.
+        Whether a parameter has an effect on fewer than three groups, shape (size,): too few for its scatter.
     known
-        Errors that are known beforehand, of the priors and of the uncertain parameters: no group shows them.
+        Errors of the priors, drifts and uncertain parameters, which the scatter of the groups does not show.
     responses
-        The responses (m, size) of the minimum to the records of each.
+        The responses (m, size) of the minimum to the records of each of the `known` sources.
     """
 
     names: tuple[str, ...]
@@ -96,7 +96,7 @@ class Reweighted:
     responses: tuple[tuple[Floats, ...], ...]
 
     def minima(self, weights: Floats) -> Floats:
-        """The unbounded minima (m, size) for weights (m, k) of the groups."""
+        """The minima without bounds (m, size) for weights (m, k) of the groups."""
         chunks = np.split(weights, range(_CHUNK, len(weights), _CHUNK))
         return np.concatenate([self._minima(np.pad(one, ((0, 0), (0, 1)), constant_values=1.0)) for one in chunks])
 
@@ -107,7 +107,7 @@ class Reweighted:
 
     @cached_property
     def hessians(self) -> Floats:
-        """Of the squares of each group, those in none last, shape (k + 1, size, size)."""
+        """Hessian of the squares of each group, of those in no group last, shape (k + 1, size, size)."""
         size = len(self.z)
         found = np.zeros((len(self.names) + 1, size, size))
         for one in self.squares:
@@ -116,7 +116,7 @@ class Reweighted:
 
     @cached_property
     def inverse(self) -> Floats:
-        """Of the Hessian of all squares."""
+        """Inverse of the Hessian of all squares."""
         return self._inverses(self.hessians.sum(axis=0)[None])[0][0]
 
     @cached_property
@@ -174,7 +174,7 @@ def reweighted(
     Parameters
     ----------
     loss, z, slopes, blocks, uncertain
-        As of `estimator`.
+        See `estimator`.
     groups
         Of each block's samples (n,), `NONE` in the place of none.
     found

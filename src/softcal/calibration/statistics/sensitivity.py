@@ -49,7 +49,7 @@ ONE_EXPERIMENT = "There is one test: by how much tests on this robot differ is n
 
 @dataclass(frozen=True)
 class Statistics:
-    """What is known of the parameters at the values found.
+    """Statistics of the parameters at the calibrated values.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ def local_estimator(
     space
         The search space.
     loss, z, blocks, uncertain
-        As of `estimator`.
+        See `estimator`.
     """
     serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
     slopes = space.jacobian(z)
@@ -159,7 +159,7 @@ def local_statistics(
     space, theta
         The search space, and the minimum [SI by label].
     loss, blocks, uncertain
-        As of `estimator`.
+        See `estimator`.
     found
         The estimator there, where it is known already.
     """
@@ -238,7 +238,7 @@ def local_statistics(
 
 
 def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] = ()) -> str:
-    """What the intervals include, and what they do not; kinds: of the sources of error."""
+    """Sentence on the sources of error that the intervals include, and on the others; kinds: kinds of the sources."""
     named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR))
     has_mesh = MESH_ERROR in uncertain
     further = {

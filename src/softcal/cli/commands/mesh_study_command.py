@@ -48,7 +48,7 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
             studied, element=element, halvings=halvings, max_unknowns=unknowns, workers=executor, progress=show
         )
     if studied.calibration:
-        echo(f"What the mesh contributes to the calibration '{studied.calibration}'")
+        echo(f"Contribution of the mesh to the calibration '{studied.calibration}'")
     finer = [mesh for mesh in result.finer if not mesh.failure]
     print_table(_sizes(result, finer))
     if finer:

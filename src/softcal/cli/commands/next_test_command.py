@@ -57,7 +57,7 @@ def next_test(
     print_table(table)
     for outlook in tests.outlooks:
         if outlook.failure:
-            echo(f"Not possible, {outlook.candidate.name}: {outlook.failure}")
+            echo(f"Not possible: {outlook.candidate.name}, {outlook.failure}")
     end_study(NEXT_TEST, tests, source, out, tests.notes, run)
 
 

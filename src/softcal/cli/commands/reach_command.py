@@ -304,4 +304,4 @@ def workspace(  # noqa: PLR0913 (one argument for each option)
         if file is not None:
             echo(f"Wrote {shown_path(file)}")
     if folder is not None and source.is_dir() and out is None:
-        echo(f"Into the report with: softcal report {source}")
+        echo(f"Add it to the report with: softcal report {source}")

@@ -24,7 +24,7 @@ def intervals(  # noqa: PLR0913 (one argument for each option)
         str,
         typer.Option(
             metavar="GROUPS",
-            help="What a jackknife or bootstrap takes as one: experiments, actuators, weights, markers, cycles or "
+            help="Groups for a jackknife or bootstrap: experiments, actuators, weights, markers, cycles or "
             "records (pieces of them).",
             show_default=False,
         ),

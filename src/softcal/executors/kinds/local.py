@@ -43,21 +43,21 @@ class LocalExecutor(Executor):
     """Calls in processes of this machine, which start with the first call.
 
     They are fresh interpreters (spawned, since a fork would copy locks that MKL's and Numba's threads may hold) with
-    cores // workers threads each. They end with this process, however it ends. Each has a pool of its own, so that it
-    is known which call was being made where one ends.
+    cores // workers threads each. They end with this process, however it ends. Each has a pool of its own, so that
+    the call is known in which a process ended.
 
     Parameters
     ----------
     workers
         Number of processes.
     limit
-        Seconds after which a call counts as hanging; None: twenty times the longest so far, ten minutes at least, and
-        six hours before the first has ended.
+        Seconds after which a call counts as hanging; None: twenty times the longest call so far, at least ten
+        minutes, and six hours before the first call has ended.
 
     Raises
     ------
     ParameterError
-        For anything but a number of workers, less than one, or too many.
+        Where `workers` is no integer, less than one or too large.
     """
 
     name = "local"

@@ -200,7 +200,7 @@ def require_branch(dataset: Dataset, branch: Branch) -> None:
         if step.settings["branch"] != branch:
             raise DatasetError(
                 Fault(
-                    "the friction of the pulleys has another sign on this branch than it was corrected with",
+                    "the friction of the pulleys has the opposite sign on this branch than in its correction",
                     where=dataset.name,
                     got=f"{PULLEY_STEP} for {step.settings['branch']}, take_branch: {branch}",
                     allowed="one branch for both",

@@ -105,7 +105,7 @@ def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = 
     else:
         raise DatasetError(Fault("no such drift", where=dataset.name, got=f"'{at}'", allowed="returns, ends"))
     if np.ptp(time[anchors]) <= 0.0:
-        raise DatasetError(Fault("a drift needs a span of time", where=f"{dataset.name}, {channel}"))
+        raise DatasetError(Fault("a drift needs samples at different times", where=f"{dataset.name}, {channel}"))
     slope = float(np.polyfit(time[anchors] - time[0], levels, 1)[0])
     drift = slope * (time - time[0])
     unit = dataset.channels[channel].unit

@@ -194,7 +194,7 @@ def select_cycles(
     """
     if dataset.cycle is None:
         raise DatasetError(
-            Fault("the cycles have not been looked for", where=dataset.name, attempt="find_cycles before select_cycles")
+            Fault("the cycles have not been determined", where=dataset.name, attempt="find_cycles before select_cycles")
         )
     there = [int(number) for number in np.unique(dataset.cycle[dataset.cycle >= 0])]
     if which == "all":

@@ -54,7 +54,7 @@ def thin(dataset: Dataset, step: float, *, by: str | None = None, longest: float
     values, unit = dataset.values(by), dataset.channels[by].unit
     asked = [(step, unit), *([] if longest is None else [(longest, "s")])]
     faults = [
-        Fault("samples cannot be thinned by this", dataset.name, format_quantity(one, its), f"above 0 {its}")
+        Fault("samples cannot be thinned by this step", dataset.name, format_quantity(one, its), f"above 0 {its}")
         for one, its in asked
         if not one > 0.0
     ]

@@ -77,12 +77,12 @@ class BenchmarkCase(ABC):
 
     @property
     def folder(self) -> Path:
-        """Where its README, licence and data are."""
+        """Folder of the case with its README, licence and data."""
         return Path(__file__).parent / "data" / self.name
 
     @property
     def readme(self) -> Path:
-        """What a reader must know of the data: frames, signs, what is unknown."""
+        """Remarks on the data: frames, signs, unknown quantities."""
         return self.folder / "README.md"
 
     @abstractmethod
@@ -133,7 +133,7 @@ class BenchmarkCase(ABC):
 
 
 def _faults(case: BenchmarkCase, known: Mapping[str, BenchmarkCase]) -> list[Fault]:
-    """What is wrong with a case that is to be registered."""
+    """Faults of a case that is to be registered."""
     if not isinstance(case, BenchmarkCase):
         return [Fault("this is not a case", "case", repr(case)[:60], "an instance of a subclass of BenchmarkCase")]
     wanted = ("name", "title", "source", "licence", "length")

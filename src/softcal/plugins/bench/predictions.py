@@ -128,7 +128,7 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
     where = str(path)
     known, given = set(record.samples), set(samples)
     if twice := [name for name, count in Counter(samples).items() if count > 1]:
-        faults.append(Fault(f"{len(twice)} sample(s) are there more than once", where, _some(twice), "one row each"))
+        faults.append(Fault(f"{len(twice)} sample(s) occur more than once", where, _some(twice), "one row each"))
     if unknown := [name for name in dict.fromkeys(samples) if name not in known]:
         attempt = nearest(unknown[0], record.samples)
         faults.append(Fault(f"the case has no such sample ({len(unknown)})", where, _some(unknown), attempt=attempt))
@@ -162,7 +162,7 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligne
     if text is not None and text.isdecimal() and len(text) <= MOST_DIGITS:
         evaluations = int(text)
     elif text is not None:
-        faults.append(Fault("the number of evaluations is no count", str(path), shown(text), "such as 12"))
+        faults.append(Fault("the number of evaluations is no whole number", str(path), shown(text), "such as 12"))
     wall = _seconds(facts.get("wall"), str(path), faults)
     name = method or facts.get("method") or path.stem
     texts = [("the name of the method", name)]
@@ -228,7 +228,7 @@ def require_matching(record: CaseRecord, found: Predictions, where: str, *, alig
     where
         File of the predictions, for the faults.
     aligned
-        As in `read_predictions`.
+        See `read_predictions`.
     """
     chosen = [sample for sample, fit in zip(record.samples, record.is_fit, strict=True) if not fit]
     chosen = [sample for sample in chosen if sample in set(found.samples)]
@@ -260,7 +260,7 @@ def _columns(header: list[str], record: CaseRecord, where: str, faults: list[Fau
             faults.append(Fault("the case has no such channel", where, shown(cell), _layout(record), attempt))
             continue
         if name in found:
-            faults.append(Fault("the column is there twice", where, shown(cell), "one of each"))
+            faults.append(Fault("the column occurs twice", where, shown(cell), "one of each"))
         try:
             found[name] = (place, parse_quantity(f"1 {unit}", record.units[channel], where=where))
         except SoftcalError:
@@ -294,7 +294,7 @@ def _values(
             wrong.append(f"{row[0].strip()[:SHORT]}: '{cell[:SHORT]}'")
     if wrong:
         allowed = f"a number up to {LARGEST:g} in SI" + (", not negative" if name.startswith(BAND) else "")
-        faults.append(Fault(f"{len(wrong)} value(s) of {name} are no such number", where, _some(wrong), allowed))
+        faults.append(Fault(f"{len(wrong)} value(s) of {name} are no allowed number", where, _some(wrong), allowed))
     return found
 
 
@@ -334,7 +334,7 @@ def frame_faults(
     where
         File of the predictions.
     aligned
-        As in `read_predictions`.
+        See `read_predictions`.
     moves
         Whether they are of several samples: of one alone, a motion of all points is an error of the prediction.
     """

@@ -1,4 +1,4 @@
-"""What was measured in a case: samples, which of them are to be fitted and which predicted, and channels."""
+"""The measurements of a case: samples, their split into fit and prediction, and channels."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class CaseRecord:
     units: Mapping[str, str]
 
     def of(self, split: Split) -> NDArray[np.bool_]:
-        """Which samples belong to a split (n,)."""
+        """Mask (n,) of the samples that belong to a split."""
         return self.is_fit if split == FIT else ~self.is_fit
 
     @property

@@ -47,7 +47,7 @@ def run_case(
     out
         Folder that is new or empty, or that of the run to be resumed.
     data, workers, progress
-        As in `BenchmarkCase.run`.
+        See `BenchmarkCase.run`.
     resume
         Go on with the fit of a run of the same case that was stopped.
 
@@ -63,7 +63,7 @@ def run_case(
     if resume:
         if (out / SCORE).exists():
             raise StorageError(
-                Fault("the case was run to its end", str(out), f"{SCORE} in it", attempt="another --out")
+                Fault("the folder has a finished run of the case", str(out), f"{SCORE} in it", attempt="another --out")
             )
         if not (out / FIT).is_dir():
             raise StorageError(Fault("there is no fit to resume", str(out), attempt="without --resume"))
@@ -87,9 +87,9 @@ def score_file(
     name
         Case of `softcal bench list`.
     predictions, method
-        As in `read_predictions`.
+        See `read_predictions`.
     data
-        As in `BenchmarkCase.run`.
+        See `BenchmarkCase.run`.
     out
         Folder for the files of the score, new or empty; None to write nothing.
 

@@ -1,4 +1,4 @@
-"""How far predictions are from what was measured: errors of points and channels, and the share inside their bands."""
+"""Errors of predictions against measurements: of points and channels, and the share inside their bands."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class SplitScore:
 
 @dataclass(frozen=True)
 class Score(Schema):
-    """What a method reaches in a case; the schema of `score.json`, in SI.
+    """The score of a method in a case; the schema of `score.json`, in SI.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ def distances_of(
     Parameters
     ----------
     record, predictions, aligned
-        As in `score`.
+        See `score`.
     chosen
         Samples of the record that count (n_samples,), as flags.
     """

@@ -195,14 +195,14 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
     robot, shape
         The robot of `in_its_law`, and its shape under load.
     folder
-        Where to write.
+        The folder.
     given
         The robot before `in_its_law`, to document the changes.
 
     Raises
     ------
     ParameterError
-        As `calculix_deck`.
+        See `calculix_deck`.
     """
     _require(robot)
     source = given or robot

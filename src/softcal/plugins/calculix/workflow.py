@@ -117,7 +117,7 @@ def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: 
     found
         Case name -> cross-check.
     folder
-        New or empty.
+        The folder, new or empty.
 
     Raises
     ------

@@ -27,7 +27,7 @@ ANSWER = 5.0  # [s] that a scheduler has to answer
 
 
 class Cluster(Protocol):
-    """What one of Dask's clusters offers that was started for this run."""
+    """The interface of a Dask cluster that was started for this run."""
 
     def close(self) -> object:
         """End its workers and its scheduler."""
@@ -103,12 +103,12 @@ def require_same_code(client: distributed.Client, address: str) -> None:
                 shown = (f"{what} {one}" for one in (found, own))
                 faults[worker] = Fault(f"the worker {worker} has another version than this process", "--on", *shown)
     if faults:
-        same = Fault("the same softcal must be on all machines", "--on", f"'dask:{address}'")
+        same = Fault("all machines must have the same code of softcal", "--on", f"'dask:{address}'")
         raise InputError([*faults.values(), same])
 
 
 def _answers(client: distributed.Client, function: Callable[..., Any], workers: list[str]) -> dict[str, Any]:
-    """What each worker answers; nothing where one does not: it is asked again with every call."""
+    """The answer of each worker; without workers that do not answer, which are asked again with every call."""
     found: dict[str, Any] = {}
 
     def ask() -> None:

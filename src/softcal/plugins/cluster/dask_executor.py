@@ -70,20 +70,20 @@ class _Call:
 
 @register_executor
 class DaskExecutor(Executor):
-    """Calls by the workers of a Dask cluster that is there already.
+    """Calls by the workers of an existing Dask cluster.
 
-    What is shared is the result of a task of its own, so that the scheduler makes it again where its holder ends. A
-    worker that ends, or stops to answer, costs the call that it was making, which the scheduler gives to another.
+    A shared object is the result of a task, so that the scheduler computes it again where the worker with it ends. A
+    worker that ends, or stops to answer, costs its current call, which the scheduler gives to another worker.
 
     Parameters
     ----------
     address
-        Of the scheduler, such as "tcp://host:8786".
+        Address of the scheduler, such as "tcp://host:8786".
     limit
-        Seconds after which a call counts as hanging; None: twenty times the longest so far, ten minutes at least, and
-        six hours for the first call of a worker where none had ended when it was handed over.
+        Seconds after which a call counts as hanging; None: twenty times the longest call so far, at least ten
+        minutes, and six hours for a worker's first call that began before any had ended.
     cluster
-        What is closed with it.
+        The cluster that is closed with the executor.
 
     Raises
     ------
@@ -305,7 +305,7 @@ class DaskExecutor(Executor):
                 one.outcome.set_exception(error)
 
     def _meaning(self, error: BaseException | None) -> BaseException:
-        """What came of a call that has no result, as softcal's error."""
+        """The outcome of a call without a result, as softcal's error."""
         if error is None:
             return ExecutorLost(
                 f"The scheduler at {self._address} no longer answers. What was told so far is kept. Try: start it "
@@ -322,7 +322,7 @@ def _itself(parcel: Parcel) -> Parcel:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a worker is told with a call: softcal's code and the client, and how long it may take.
+    """The data sent to a worker with a call: softcal's code, the client, and the limit of time.
 
     longest: of the client's calls that had ended when it was handed over [s], 0 where none had.
     """

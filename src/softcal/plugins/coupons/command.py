@@ -49,7 +49,7 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
         typer.Option(
             "--history",
             metavar="PART",
-            help="What the material does beyond the law: softening, relaxation-N, maxwell-N, flow; several.",
+            help="Parts of the material's history, beyond its law: softening, relaxation-N, maxwell-N, flow; several.",
             show_default=False,
         ),
     ] = None,
@@ -120,7 +120,7 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     nu = QUANTITIES["Poisson's ratio"].checked(poissons_ratio, where="--poissons-ratio")
     if reach is not None and not 1.0 < reach <= MOST_REACH:
         raise ParameterError(
-            Fault("this is no stretch to look at", "--reach", f"{reach:g}", f"above 1, to {MOST_REACH:g}")
+            Fault("this stretch is out of range", "--reach", f"{reach:g}", f"above 1, to {MOST_REACH:g}")
         )
     if laws is not None:
         read_laws(laws)

@@ -54,7 +54,7 @@ class ComparedLaw:
 
     @property
     def doubts(self) -> list[str]:
-        """What keeps it from being recommended."""
+        """The reason why the law is not recommended."""
         return ["unstable"] * (not self.fit.stability.is_stable) + ["not determined"] * (not self.fit.is_determined)
 
     @property
@@ -120,7 +120,7 @@ class LawComparison:
 
     @property
     def kept_out(self) -> str:
-        """What was held out in turn, in words."""
+        """The tests that were held out in turn, in words."""
         has_history = bool(self.history)
         names = [fold.name for fold in folds(self.coupons, has_history=has_history)]
         tests = {coupon.test for coupon in self.coupons}

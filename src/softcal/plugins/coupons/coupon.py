@@ -55,12 +55,12 @@ class Coupon(Checked):
 
     @property
     def kind(self) -> CouponKind:
-        """Its kind of test."""
+        """The kind of test."""
         return KINDS[self.test]
 
     @cached_property
     def states(self) -> CouponStates:
-        """Its states."""
+        """States of the material at the measured strains."""
         return self.kind.states(self.strain)
 
     @cached_property
@@ -70,7 +70,7 @@ class Coupon(Checked):
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """Where there is a stress (n, k)."""
+        """True where a stress was measured (n, k)."""
         return np.isfinite(self.stress)
 
     @property
@@ -79,20 +79,20 @@ class Coupon(Checked):
         return self.stress[self.measured]
 
     def rows(self, kept: np.ndarray) -> Coupon:
-        """Some of its rows, which are then no way."""
+        """The coupon with some of its rows, without times, since these rows are no path in time."""
         return Coupon(self.name, self.test, self.strain[kept], self.stress[kept])
 
     def along_strain(self) -> Coupon:
-        """Its rows in the order of their strains."""
+        """The coupon with its rows in ascending order of strain."""
         return self.rows(np.lexsort(self.strain.T[::-1]))
 
     def coarser(self, most: int) -> Coupon:
-        """Its way by rows at even distances, at most so many and the last one."""
+        """The coupon with at most so many rows at equal intervals, and the last row."""
         n = len(self.strain)
         kept = np.unique(np.append(np.arange(0, n, -(-n // most)), n - 1))
         time = None if self.time is None else self.time[kept]
         return replace(self, strain=self.strain[kept], stress=self.stress[kept], time=time)
 
     def measured_at(self, kept: np.ndarray) -> Coupon:
-        """The same way, with the stresses of some of its rows."""
+        """The coupon with all rows and times, but with the stresses of some rows only."""
         return replace(self, stress=np.where(kept[:, None], self.stress, np.nan))

@@ -22,7 +22,7 @@ from softcal.plugins.coupons.history_response import response_of
 
 @dataclass(frozen=True)
 class PredictedCoupon:
-    """What a material predicts of a test.
+    """The prediction of a material for a test.
 
     Attributes
     ----------

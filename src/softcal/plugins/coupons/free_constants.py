@@ -1,4 +1,4 @@
-"""The constants of a law that tests of incompressible coupons determine, and those that they do not.
+"""The constants of a law that tests of incompressible coupons determine, and its other constants.
 
 At constant volume the pressure takes the place of the volumetric part. A constant without effect there, such as a bulk
 modulus, and Poisson's ratio, which only scales the stresses, are stated and not fitted. A law whose stresses Poisson's
@@ -44,9 +44,9 @@ class FreeConstants:
     fitted
         The constants that the tests determine.
     poissons_ratio
-        That of the body, which is stated [-].
+        Poisson's ratio of the body, which is stated [-].
     parts
-        What its material does beyond the law, names of `softcal.materials.histories`: all its constants are fitted.
+        Parts of the material's history, names of `softcal.materials.histories`: all its constants are fitted.
     """
 
     law: Law
@@ -56,12 +56,12 @@ class FreeConstants:
 
     @cached_property
     def history(self) -> History:
-        """What the material does beyond the law."""
+        """The history of the material, beyond its law."""
         return history_of(self.parts)
 
     @property
     def elastic(self) -> FreeConstants:
-        """Those of the law alone."""
+        """The free constants of the law alone."""
         return replace(self, fitted=tuple(p for p in self.fitted if p in self.law.parameters), parts=())
 
     @property
@@ -71,7 +71,7 @@ class FreeConstants:
 
     @property
     def columns(self) -> list[int]:
-        """The places of those of the law among all its constants."""
+        """Indices of the law's fitted constants among all its constants."""
         return [self.law.names.index(name) for name in self.elastic.names]
 
     def of_history(self, values: Sequence[float] | Floats) -> dict[str, float]:
@@ -80,7 +80,7 @@ class FreeConstants:
         return {p.name: given[p.name] for p in self.history.parameters}
 
     def theta(self, values: Sequence[float] | Floats) -> dict[str, float]:
-        """All constants [SI] by name, with the fitted ones given."""
+        """All constants [SI] by name, at values of the fitted ones."""
         given = dict(zip(self.names, (float(value) for value in values), strict=True))
         every = (*self.law.parameters, *self.history.parameters)
         theta = {p.name: given.get(p.name, _stated(p, self.poissons_ratio)) for p in every}

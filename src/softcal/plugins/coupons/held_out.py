@@ -21,7 +21,7 @@ BLOCKS = 5  # of a record, where there is one kind of test
 
 @dataclass(frozen=True)
 class Fold:
-    """Tests that are held out together: name, those that remain, and those held out."""
+    """Tests that are held out together: name, remaining tests, and tests held out."""
 
     name: str
     kept: tuple[Coupon, ...]

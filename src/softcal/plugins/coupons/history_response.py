@@ -1,4 +1,4 @@
-"""What a material with a history predicts of a coupon test, row after row, with derivatives by its constants.
+"""The prediction of a coupon test by a material with a history, row after row, with derivatives by its constants.
 
 The pressure that keeps the free side without stress is not remembered: it is found at each row from the stress there,
 as in an elastic coupon.
@@ -34,7 +34,7 @@ class CouponResponse(Protocol):
 
 
 def response_of(constants: FreeConstants, coupon: Coupon) -> CouponResponse:
-    """That of a law, with the history that its constants have."""
+    """The response of a law in a coupon's test, with the history of its constants, if any."""
     return HistoryResponse(constants, coupon) if constants.parts else ElasticResponse(constants, coupon)
 
 
@@ -45,11 +45,11 @@ class ElasticResponse:
         self._constants, self._law = constants, LawResponse(constants.law, coupon.states)
 
     def stress(self, values: Floats) -> Floats:
-        """As `CouponResponse`."""
+        """See `CouponResponse`."""
         return self._law.stress(self._constants.ordered(values))
 
     def by_constants(self, values: Floats) -> Floats:
-        """As `CouponResponse`."""
+        """See `CouponResponse`."""
         return self._law.by_constants(self._constants.ordered(values))[..., self._constants.columns]
 
 
@@ -68,12 +68,12 @@ class HistoryResponse:
         return Deformation(compile_law(self._constants.law), self._coupon.states.points)
 
     def stress(self, values: Floats) -> Floats:
-        """As `CouponResponse`."""
+        """See `CouponResponse`."""
         with np.errstate(all="ignore"):
             return self._measured(self._passed(values, None))
 
     def by_constants(self, values: Floats) -> Floats:
-        """As `CouponResponse`."""
+        """See `CouponResponse`."""
         with np.errstate(all="ignore"):
             slopes: Floats = np.empty((len(values), *self._strain.shape))
             self._passed(values, slopes)

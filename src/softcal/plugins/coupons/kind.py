@@ -76,7 +76,7 @@ class CouponKind:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """What a stress of each axis is called."""
+        """Names of the stresses, one for each axis."""
         return tuple(f"stress{axis}" for axis in self.axes)
 
 

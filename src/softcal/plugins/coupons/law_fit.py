@@ -71,7 +71,7 @@ class LawFit(ReadOnly):
         return self.constants.law
 
     def tests(self, coupons: Sequence[Coupon]) -> list[PredictedCoupon]:
-        """What it says of tests, with bands."""
+        """The predictions of tests by the law, with bands."""
         return [self.material.predict(coupon) for coupon in coupons]
 
     @property

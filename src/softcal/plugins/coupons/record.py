@@ -23,7 +23,7 @@ _WRITES = "a folder that softcal coupon --out wrote"
 
 
 def material_json(material: FittedMaterial) -> dict[str, Any]:
-    """What predicts, all in SI."""
+    """The data for predictions, all in SI."""
     covariance = material.covariance
     return {
         "history": list(material.constants.parts),

@@ -33,7 +33,7 @@ def fitted_values(problem: CouponProblem, start: Floats | None = None, starts: i
     Parameters
     ----------
     problem, start, starts
-        As in `fitted_with_history`.
+        See `fitted_with_history`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What coupon tests and the laws fitted to them say, in sentences: the recommended law and why, and what to doubt."""
+"""Sentences on coupon tests and the laws fitted to them: the recommended law and the reason, and doubts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HOLDS = 0.8
 
 
 def verdict(found: LawComparison) -> str:
-    """Which law is recommended, and why."""
+    """Sentence on the recommended law, and the reason."""
     chosen = found.recommended
     sizes = ", ".join(f"{plain(size, 3)} {mode}" for mode, size in found.laws[0].fit.stability.measured.items())
     up_to = f"up to strains of the size measured (stretches of {sizes})"
@@ -52,7 +52,7 @@ def with_history(one: ComparedLaw) -> str:
 
 
 def warnings(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> list[str]:
-    """What a reader must know before the numbers: of the shown law, and of bands that do not hold a further test."""
+    """Remarks before the numbers: on the shown law, and on bands that do not contain a further test."""
     one, said = found.shown, list[str]()
     stability, estimates = one.fit.stability, one.fit.estimates
     if not stability.is_stable:
@@ -118,7 +118,7 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
 
 
 def _specimens(found: LawComparison, one: ComparedLaw) -> Remark:
-    """How far the bands hold for another specimen."""
+    """Sentence on the validity of the bands for another specimen."""
     material, n = one.fit.material, len(found.coupons)
     if material.covariance is None:
         return Remark(f"{one.name} has no 95 % bands: not all of its constants have intervals.", "warning")

@@ -1,4 +1,4 @@
-"""Where a law that was fitted to coupons is stable, by Drucker's criterion (`materials/drucker.py`).
+"""Range of stability of a law that was fitted to coupons, by Drucker's criterion (`materials/drucker.py`).
 
 Three modes are looked at: uniaxial compression is equibiaxial tension, and the other way round. The measured strains of
 one mode are compared with those of another by their size, the root of the sum of the squared logarithmic strains.
@@ -25,7 +25,7 @@ _STATES = 400  # of a mode
 
 @dataclass(frozen=True)
 class Stability:
-    """Where a law is stable.
+    """The range of stability of a law.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Stability:
 
 
 def stability(constants: FreeConstants, values: Floats, coupons: Sequence[Coupon], reach: float) -> Stability:
-    """Where the law is stable at the values of its fitted constants.
+    """The range of stability of the law at the values of its fitted constants.
 
     Parameters
     ----------

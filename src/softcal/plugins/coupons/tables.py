@@ -93,7 +93,7 @@ def moduli_table(found: LawComparison) -> ReportTable:
 
 
 def modulus_texts(at: SmallStrain) -> tuple[str, str]:
-    """Young's modulus and its 95 % interval in words, "" where there is none."""
+    """Young's modulus and its 95 % interval in words, "" without a modulus."""
     if at.interval is None:
         return format_quantity(at.youngs_modulus, "Pa", digits=3), ""
     digits = digits_that_tell(*at.interval)

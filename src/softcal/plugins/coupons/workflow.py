@@ -89,7 +89,7 @@ def write_predictions(predicted: Sequence[PredictedCoupon], name: str, folder: P
     predicted
         The tests as predicted.
     name
-        Of the law.
+        Name of the law.
     folder
         New or empty.
 

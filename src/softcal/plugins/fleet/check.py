@@ -21,7 +21,7 @@ _NAMED = 5  # specimens, and values found, of a fault of many
 
 @dataclass(frozen=True)
 class FleetOrder:
-    """What all specimens share: the template, the fleet's folder, and the changes of `calibrate`."""
+    """Data that all specimens share: the template, the fleet's folder, and the changes of `calibrate`."""
 
     template: Path
     folder: Path

@@ -150,7 +150,7 @@ def reopen_fleet(table: FleetTable, settings: Mapping[str, Any], folder: Path) -
     Parameters
     ----------
     table, settings
-        As in `begin_fleet`.
+        See `begin_fleet`.
     folder
         That of the fleet.
 
@@ -193,7 +193,7 @@ def _typed(settings: Mapping[str, Any]) -> str:
 
 
 def _changed_files(table: FleetTable, folder: Path) -> list[Fault]:
-    """A fault for each file that was changed after specimens were calibrated with it, with all their names."""
+    """A fault for each file that was changed after calibrations with it, with the names of their specimens."""
     of: dict[str, list[str]] = {}
     now: dict[str, str] = {}
     units: dict[str, str] = {}
@@ -240,7 +240,7 @@ def set_aside(name: str, folder: Path, why: Literal["failed", "changed"]) -> Non
     Parameters
     ----------
     name
-        Of the specimen.
+        Name of the specimen.
     folder
         That of the fleet.
     why
@@ -269,7 +269,7 @@ def set_aside(name: str, folder: Path, why: Literal["failed", "changed"]) -> Non
 
 
 def write_specimen(one: Specimen, folder: Path) -> None:
-    """Keep what was found of a specimen.
+    """Write the result of a specimen into the fleet's folder.
 
     Raises
     ------
@@ -292,7 +292,7 @@ def write_specimen(one: Specimen, folder: Path) -> None:
 
 
 def read_specimen(folder: Path, name: str) -> Specimen | None:
-    """What was found of a specimen; None where it is not finished.
+    """The result of a specimen; None where its calibration has not finished.
 
     Raises
     ------
@@ -330,7 +330,7 @@ def finish_fleet(
     Parameters
     ----------
     table, settings
-        As in `begin_fleet`.
+        See `begin_fleet`.
     specimens
         All of them, as calibrated.
     statement

@@ -2,8 +2,8 @@
 
 A specimen's estimate is the mean of the population, a difference of the specimen's own, and the error of its
 calibration (`calibration.statistics.mixed_effects`). A parameter that is searched by its logarithm is compared by its
-logarithm: its mean is then the geometric one, and its spread a ratio. Of several comparisons each chance counts as many
-times (Bonferroni), so that alike specimens are called different in any of them one time in twenty.
+logarithm: its mean is then the geometric one, and its spread a ratio. Each p-value is multiplied by the number of
+comparisons (Bonferroni), so that equal specimens are called different in any comparison one time in twenty.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from softcal.plugins.fleet.specimen import Factor, Specimen, own_error
 
 Interval = tuple[float, float]
 FEWEST = 2
-"""Specimens of which a population can be told."""
+"""Least number of specimens for a mean and a spread of the population."""
 FEWEST_NEXT = 5
-"""From which on the interval of a further specimen holds what it says."""
+"""Least number of specimens for an interval of a further specimen with the stated coverage."""
 FEWEST_OUTLIER = 5
 FEWEST_RANKED = 8
 OUTLYING = 0.01
 """Chance below which a specimen is not like the others."""
 MOST_LEFT_OUT = 0.1
-"""Share of the specimens that may be left out; beyond it the others are a choice of them."""
+"""Share of the specimens that may be left out; beyond it, the others are a biased selection."""
 
 
 @dataclass(frozen=True)
 class Comparable:
-    """The estimates of one parameter that count, on the scale of their comparison.
+    """The determined estimates of one parameter, on the scale of their comparison.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Comparable:
     raw
         The variances (k,) of their errors, estimated with `dof` (k,) degrees of freedom.
     left_out
-        Specimen -> why it does not count, in words.
+        Specimen -> the reason why it is left out, in words.
     """
 
     label: str
@@ -156,7 +156,7 @@ class Population:
 
 
 def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
-    """The estimates of a parameter that count; None if no specimen has it."""
+    """The determined estimates of a parameter over the specimens; None if no specimen has an estimate."""
     held = {one.name: one.parameters[label] for one in specimens if label in one.parameters}
     if not held:
         return None

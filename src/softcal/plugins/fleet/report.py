@@ -85,7 +85,7 @@ _LISTED = 1000  # specimens of the page's table
 
 @dataclass(frozen=True)
 class FleetPage:
-    """What a page says of a fleet beside its specimens: its template's name, and when it was begun, in ISO 8601."""
+    """Heading of a fleet's page: the name of the template, and the start of the fleet in ISO 8601."""
 
     name: str
     created: str

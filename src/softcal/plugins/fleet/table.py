@@ -58,7 +58,7 @@ class FleetRow:
     Attributes
     ----------
     name
-        Of the specimen.
+        Name of the specimen.
     changes
         Key of the template -> what stands in its place.
     values
@@ -137,7 +137,7 @@ def read_fleet(source: str | Path, template: str | Path | None = None, by: Seque
 def parse_fleet(
     source: str | Path, template: str | Path | None = None, by: Sequence[str] = ()
 ) -> tuple[FleetTable, list[Fault]]:
-    """As `read_fleet`, but returns the faults of the table beside its contents in place of raising them.
+    """See `read_fleet`; returns the faults of the table beside its contents instead of raising them.
 
     Parameters
     ----------

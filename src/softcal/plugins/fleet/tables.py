@@ -104,7 +104,7 @@ def laws_table(found: FleetStatement) -> ReportTable:
 
 
 def specimens_table(specimens: Sequence[Specimen], most: int) -> ReportTable:
-    """A row for each specimen, `most` at most; those that failed first."""
+    """A row for each specimen, `most` at most; failed specimens first."""
     labels = list(dict.fromkeys(label for one in specimens for label in one.parameters))
     factors = list(dict.fromkeys(name for one in specimens for name in one.factors))
     order = sorted(specimens, key=lambda one: one.state == "DONE")

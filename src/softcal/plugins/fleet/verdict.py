@@ -42,7 +42,7 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
     for one in found.populations:
         texts += _population(one)
     texts += [
-        Remark(f"{label}: nothing is said of the specimens together: {why}.", "warning")
+        Remark(f"{label}: no statement on the population of the specimens: {why}.", "warning")
         for label, why in found.unknown.items()
     ]
     texts += [sentence for one in found.effects if (sentence := _effect(one, found)) is not None]

@@ -170,7 +170,7 @@ def _calibrate(table: FleetTable, order: FleetOrder, executor: Executor, show: O
 
 
 def calibrated_specimen(order: FleetOrder, row: FleetRow) -> State:
-    """Calibrate one specimen in its folder, and keep what was found; a failure is a state.
+    """Calibrate one specimen in its folder, and store the result; a failure is a state.
 
     Raises
     ------

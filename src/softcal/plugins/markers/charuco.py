@@ -76,7 +76,7 @@ def find_board(image: Image, board: CharucoBoard, name: str) -> BoardView | None
     board
         The board to look for.
     name
-        Of the image.
+        Name of the image.
     """
     import cv2
 

@@ -65,7 +65,7 @@ def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tupl
     """
     if group_by not in get_args(Grouping):
         allowed = ", ".join(get_args(Grouping))
-        raise InputError(Fault("images cannot be grouped so", "--group-by", f"'{group_by}'", allowed))
+        raise InputError(Fault("unknown grouping of the images", "--group-by", f"'{group_by}'", allowed))
     faults: list[Fault] = []
     paths: dict[Path, None] = {}
     for one in given:
@@ -164,7 +164,7 @@ def read_image(path: Path) -> Image:
 
 @contextlib.contextmanager
 def _error_output() -> Generator[list[bytes]]:
-    """What libraries in C write to the error output meanwhile, which is shown to nobody; after the block."""
+    """Context that hides the error output of C libraries; after the block it has the text."""
     said: list[bytes] = []
     try:
         kept = os.dup(2)

@@ -64,7 +64,7 @@ class RecordPosture:
         return _pose(self.record["plates"][plate])[1]
 
     def coordinate(self, actuator: str) -> float:
-        """Shortening [m] of a cable, what the pump of a chamber has displaced [m^3], or a drive's zero [rad]."""
+        """Shortening [m] of a cable, volume [m^3] displaced by the pump of a chamber, or zero [rad] of a drive."""
         if actuator in self.record["cables"]:
             return self.record["cables"][actuator]["shortening"]
         if actuator in self.drives:
@@ -171,7 +171,7 @@ def shapes(
     Parameters
     ----------
     twin, protocol, records
-        As in `row_by_row`.
+        See `row_by_row`.
     states
         Actuator -> shortening [m], tension [N] or pressure [Pa], of each state after the first.
     """

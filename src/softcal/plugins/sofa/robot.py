@@ -171,7 +171,7 @@ class LinearRobot:
 
     @property
     def chambers(self) -> tuple[NamedActuator, ...]:
-        """The actuators with components of their own in the scene; those of a drive are its cables."""
+        """The actuators with components of their own in the scene, the chambers; drives act by their cables."""
         return tuple(part for part in self.robot.actuators if isinstance(part.actuator, Chamber))
 
 

@@ -219,7 +219,7 @@ def density_in_motion(part: Body | Rod) -> float:
 
 
 def begins_first(cable: Cable) -> bool:
-    """Whether the scene's cable starts at the first via point: an end fixed in space, of two the pulled one."""
+    """Whether the scene's cable starts at the first via point: an end fixed in space, or the pulled one of two."""
     in_space = cable.via_points[0].on == "", cable.via_points[-1].on == ""
     return in_space[0] if in_space[0] != in_space[1] else cable.pulled_end == "first"
 

@@ -1,4 +1,4 @@
-"""How SOFA is run, as `engines` of a project file say: to rest from state to state, how many, for how long at most."""
+"""Settings of SOFA's runs, under `engines` of a project file: states, their rest, time steps and timeout."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Rest(Declared):
         if self.hold >= self.longest:
             raise InputError(
                 Fault(
-                    "the robot cannot be still for so long before it is given up",
+                    "the time at rest must be shorter than the longest simulated time",
                     got=f"hold {self.hold:g} s, longest {self.longest:g} s",
                     allowed="hold < longest",
                 )
@@ -38,7 +38,7 @@ class Rest(Declared):
 
 @dataclass(frozen=True)
 class SofaSettings(Declared):
-    """How SOFA is run.
+    """Settings of SOFA's runs.
 
     timeout [s]: of one simulation. states: of one driven cable, at most that many shortenings or tensions are run to
     rest. ramp [s]: from state to state. time_steps [s]: with the next one a state is begun again that did not settle
@@ -62,16 +62,16 @@ class SofaSettings(Declared):
             if not shorter < longer:
                 raise InputError(
                     Fault(
-                        "the next time step is tried where the one before did not settle",
+                        "time steps must decrease: each is tried where the previous one did not settle",
                         "time_steps",
                         got=f"{shorter:g} s after {longer:g} s",
-                        allowed="each shorter than the one before",
+                        allowed="each shorter than the previous one",
                     )
                 )
 
     @property
     def rest(self) -> dict[str, Any]:
-        """How run.py runs to rest, as parameters.json has it."""
+        """Settings of run.py for running to rest, as in parameters.json."""
         own = asdict(self)
         keys = ("time_steps", "rayleigh_stiffness", "rayleigh_mass", "ramp")
         return {**{key: own[key] for key in keys}, **own["settle"]}

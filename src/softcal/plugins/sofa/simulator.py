@@ -121,7 +121,7 @@ class _EngineRun:
 
     @property
     def cable(self) -> str:
-        """The cable that alone is driven; "" where there is none."""
+        """The driven actuator, if it is the only one and a cable; else ""."""
         alone = self.driven[0] if len(self.driven) == 1 else ""
         return alone if alone in {cable.name for cable in self.linear.robot.cables} else ""
 

@@ -59,13 +59,13 @@ def write_sofa(
     folder
         Existing one to write into.
     name
-        Of the project.
+        Name of the project.
     experiment
         Name of the protocol's experiment, if selected among several; for the README.
     slack
         Cable -> travel on the bench minus shortening [m]; for the README.
     motion, settings
-        As in `scene_parameters`.
+        See `scene_parameters`.
 
     Raises
     ------

@@ -90,7 +90,7 @@ class DraftCable:
 
 @dataclass(frozen=True)
 class Draft:
-    """What is chosen so far; quantities are text with their unit, points are in metres in the frame of the mesh.
+    """The choices so far; quantities are text with their unit, points are in metres in the frame of the mesh.
 
     Attributes
     ----------
@@ -273,7 +273,7 @@ def part_surface(path: Path, unit: str, size: str) -> Floats:
     path
         The file.
     unit
-        Of its coordinates, where the file does not state it.
+        Unit of its coordinates, where the file does not state it.
     size
         Edge of an element, with its unit, for a STEP file; bores are refined.
 
@@ -302,7 +302,7 @@ def middle(triangles: Floats) -> Floats:
 
 
 def same_plane(a: Plane | None, b: Plane) -> bool:
-    """Whether two planes are one; None is none."""
+    """Whether two planes coincide; None is no plane."""
     if a is None or not np.allclose(a.normal, b.normal, atol=1e-6):
         return False
     return abs(float(np.dot(np.subtract(a.point, b.point), b.normal))) < 1e-7

@@ -22,14 +22,14 @@ MOST = 6  # experiments
 def fits_at(
     at_values: Project, names: Sequence[str], known: Mapping[str, Response]
 ) -> tuple[dict[str, ExperimentFit], str]:
-    """The fits of the first of some experiments at the project's values, and sentences on those that have none.
+    """The fits of the first experiments at the project's values, and sentences on experiments without a fit.
 
     Parameters
     ----------
     at_values
         The project at these values.
     names
-        Of the experiments.
+        Names of the experiments.
     known
         Experiment -> response that need not be solved again.
     """
@@ -59,7 +59,7 @@ def fit_drawings(project: Project, label: str, fits: Mapping[str, ExperimentFit]
     project
         The project of the run.
     label
-        Of the calibration.
+        Label of the calibration.
     fits
         Experiment -> fit.
     """

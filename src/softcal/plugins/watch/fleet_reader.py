@@ -39,7 +39,7 @@ class FleetReader:
         record
             Content of its `fleet.json`.
         name
-            Of the folder.
+            Name of the folder.
         in_work
             Reads the run of a specimen that is not finished.
         """
@@ -61,7 +61,7 @@ class FleetReader:
         Parameters
         ----------
         record, in_work
-            As in `read`.
+            See `read`.
         faults
             Takes a sentence on each one that cannot be read.
         """

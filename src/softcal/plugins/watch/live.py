@@ -30,24 +30,24 @@ class WorkerSign:
 
 @dataclass(frozen=True)
 class LiveSign:
-    """What a search last said of itself.
+    """The last sign of life of a search.
 
     Attributes
     ----------
     pid, host
         The process and its machine.
     began, updated
-        When the search began, and when it last said this.
+        When the search began, and when it wrote this sign.
     done, total, failed
-        Numbers of trials; None where it does not say so.
+        Numbers of trials; None where the sign lacks them.
     stage
-        What it computes, where that is no trial; "" otherwise.
+        Name of the computation, if it is no trial; else "".
     executor
-        On what it computes; "" where it does not say so.
+        Name of the executor; "" where the sign lacks it.
     workers
-        Its workers; empty where it does not say so.
+        Workers of the search; empty where the sign lacks them.
     ended
-        Whether it said that this was its last.
+        Whether this is the search's last sign.
     """
 
     pid: int | None
@@ -63,40 +63,40 @@ class LiveSign:
     ended: bool = False
 
     def age(self, now: datetime) -> float:
-        """Seconds since it said this; 0 where it does not say when."""
+        """Age of the sign [s]; 0 where its time is missing."""
         return 0.0 if self.updated is None else max((now - self.updated).total_seconds(), 0.0)
 
     @property
     def is_here(self) -> bool:
-        """Whether the process runs on this machine, so that one can see whether it is there."""
+        """Whether the process belongs to this machine, which then knows whether it still exists."""
         return self.pid is not None and self.host in ("", socket.gethostname())
 
     def is_at_work(self, now: datetime) -> bool:
-        """Whether its process works: by its last sign, or as the process of that number that was there as it began."""
+        """Whether the process works: its last sign is recent, or a process with its id is older than the search."""
         if self.ended or (self.is_here and not self.has_process):
             return False
         return self.age(now) <= LONG or (self.is_here and self._is_the_one)
 
     def course(self, now: datetime) -> SignCourse:
-        """What it says of its process: at work, gone, or not known."""
+        """State of the search's process: running, left, or silent, where nothing is known."""
         if self.is_at_work(now):
             return "running"
         return "left" if self.ended or (self.is_here and not self.has_process) else "silent"
 
     @property
     def _is_the_one(self) -> bool:
-        """Whether the process of that number is not one that was started after the search began."""
+        """Whether the process with this id was started before the search began: the id was not used again."""
         started = None if self.pid is None else process_start(self.pid)
         return started is not None and self.began is not None and started <= self.began + _ROUNDING
 
     @property
     def has_process(self) -> bool:
-        """Whether a process of that number is there, on this machine."""
+        """Whether this machine has a process with this id."""
         return self.is_here and self.pid is not None and process_exists(self.pid)
 
 
 def process_exists(pid: int) -> bool:
-    """Whether this machine has a process of that number that still works."""
+    """Whether this machine has a process with this id that has not ended."""
     if pid <= 0:
         return False
     try:
@@ -111,7 +111,7 @@ def process_exists(pid: int) -> bool:
 
 
 def process_start(pid: int) -> datetime | None:
-    """When a process of this machine was started, to a second; None where the system does not tell."""
+    """Start of a process of this machine, to a second; None where the system has no record of it."""
     try:
         ticks = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
         lines = Path("/proc/stat").read_text().splitlines()

@@ -73,7 +73,7 @@ document.addEventListener('drop', async event => {
 
 @dataclass(frozen=True)
 class DraftFindings:
-    """What `softcal check` says of a project file, without solving anything: faults, or rows and warnings."""
+    """The result of `softcal check` for a project file, without solving anything: faults, or rows and warnings."""
 
     faults: tuple[str, ...] = ()
     rows: tuple[tuple[str, str], ...] = ()
@@ -81,7 +81,7 @@ class DraftFindings:
 
 
 class NewProject:
-    """What the pages of a server share: the folder, a place to check a draft, and surfaces for their views.
+    """Data that the pages of a server share: the folder, a place to check a draft, and surfaces for their views.
 
     The draft is checked in a folder of its own with links to the user's files: in theirs nothing is written but the
     project file, when they ask for it.
@@ -100,7 +100,7 @@ class NewProject:
         return sorted(one.relative_to(self.folder).as_posix() for one in files)
 
     def findings(self, draft: Draft) -> DraftFindings:
-        """What `softcal check` says of a draft."""
+        """The result of `softcal check` for a draft."""
         from softcal.project.project import load
         from softcal.workflows.checking import check
 
@@ -130,7 +130,7 @@ class NewProject:
         return f"/surface/{name}.stl"
 
     def surface_bytes(self, name: str) -> bytes:
-        """The file of an address; none where there is none."""
+        """The bytes of the file of an address; empty where it does not exist."""
         return self._surfaces.get(name, b"")
 
 

@@ -1,4 +1,4 @@
-"""What a session of the page takes in: the packets of Engine.IO and Socket.IO that the page sends, and no others."""
+"""Filter of a session's input: only packets of Engine.IO and Socket.IO that the page sends are accepted."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Packets:
 
 
 def _page_s_packets(receive: Receive) -> Receive:
-    """What a websocket receives, which any other packet ends."""
+    """The messages of a websocket, which disconnects at any packet that the page does not send."""
 
     async def packet() -> MutableMapping[str, Any]:
         message = await receive()

@@ -75,7 +75,7 @@ def read_record(folder: Path, place: str) -> dict[str, Any] | None:
 
 
 def told(faults: list[str], read: Callable[[], T]) -> T | None:
-    """What is read, or None and a sentence on why not."""
+    """The content, or None and a sentence on why it cannot be read."""
     try:
         return read()
     except Unreadable as error:
@@ -92,7 +92,7 @@ def clean(value: object, most: int = 2000) -> str:
 
 
 def finite(value: object) -> float | None:
-    """A value as a number; None where it is none, not finite, or larger than any of softcal's."""
+    """A value as a number; None where it is no number, not finite, or larger than softcal's numbers can be."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

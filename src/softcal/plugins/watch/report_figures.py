@@ -62,7 +62,7 @@ def figure_file(folder: Path, name: str) -> Path | None:
     Raises
     ------
     Unreadable
-        As `inside`.
+        See `inside`.
     """
     if Path(name).name != name or not name.endswith(".png"):
         return None

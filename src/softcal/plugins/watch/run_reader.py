@@ -1,4 +1,4 @@
-"""Reads a run's folder again and again while it is written; it never writes, and what it cannot read it says."""
+"""A reader of a run's folder during the run: it only reads, again and again, and reports unreadable files."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ class RunReader:
 
 
 def _is_label(label: object) -> TypeGuard[str]:
-    """Whether it names a folder in that of the calibrations, and none elsewhere."""
+    """Whether a label names a folder within that of the calibrations, and no folder elsewhere."""
     return (
         isinstance(label, str)
         and len(PurePosixPath(label).parts) == 1
@@ -170,7 +170,7 @@ def _is_label(label: object) -> TypeGuard[str]:
 
 
 def _stamp(path: Path | None) -> tuple[int, int]:
-    """When a file was changed [ns], and its size; zeros where there is none."""
+    """Time of a file's last change [ns], and its size; zeros where there is no file."""
     try:
         about = None if path is None else path.stat()
     except OSError:

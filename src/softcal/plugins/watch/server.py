@@ -76,7 +76,7 @@ def serve_application(
     application
         Makes it, when the port is there.
     host, port, ready
-        As of `serve`.
+        See `serve`.
     most_bytes
         Of a file that it takes in; 0 where it takes none.
 
@@ -177,7 +177,7 @@ def with_page(app: FastAPI, title: str, page: Callable[[], object]) -> Packets:
     app
         The other addresses.
     title
-        Of the page.
+        Title of the page.
     page
         Makes the elements of one browser's page.
     """

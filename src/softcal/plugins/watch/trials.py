@@ -73,7 +73,7 @@ class TrialReader:
             errors={},
         )
         if trial.number in self._found:
-            raise ValueError(f"trial {trial.number} is there twice")
+            raise ValueError(f"trial {trial.number} occurs twice")
         self._n_values += len(trial.theta)
         if len(self._found) >= LIMITS["trials"].most or self._n_values > MOST_VALUES:
             raise Unreadable(f"{JOURNAL} has more trials than the page shows.")

@@ -27,14 +27,14 @@ MOST_SHAPES = 8  # that are kept
 
 @dataclass(frozen=True)
 class FitPicture:
-    """A figure of what was measured beside what the twin does, as a PNG, with its caption."""
+    """A figure of the measured and the simulated values, as a PNG, with its caption."""
 
     caption: str
     png: bytes
 
     @cached_property
     def name(self) -> str:
-        """By which the page asks for it."""
+        """Name by which the page requests the figure."""
         return _name(self.png)
 
 
@@ -53,7 +53,7 @@ class TwinShape:
     glb
         The shape as a GLB file; empty where there is none.
     trouble
-        A sentence on why there is none, or "".
+        A sentence on why there is no shape, or "".
     fits
         Figures of the fit at this trial.
     missing
@@ -70,7 +70,7 @@ class TwinShape:
 
     @cached_property
     def name(self) -> str:
-        """By which the page asks for the shape."""
+        """Name by which the page requests the shape."""
         return _name(self.glb)
 
 
@@ -100,7 +100,7 @@ class TwinKeeper:
         return None if held is None else held[1]
 
     def facts(self, search: WatchedSearch) -> ParameterFacts:
-        """What is known of its parameters; empty at first."""
+        """Units and bounds of the search's parameters; empty before the first simulation."""
         return self._facts.get(run_of(search), ParameterFacts())
 
     def shapes(self) -> list[TwinShape]:
@@ -160,7 +160,7 @@ class TwinKeeper:
 
 
 def simulated_twin(folder: Path, search: WatchedSearch, patience: float = PATIENCE) -> tuple[dict[str, Any], bytes]:
-    """What the process of `twin_worker` answers with its `fits`, and the GLB file, empty where there is none.
+    """The answer of the process of `twin_worker`, with its `fits`, and the GLB file, empty where there is none.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class TwinPanel:
         self._scene.props["fps"] = rate
 
     def show(self, search: WatchedSearch, shape: TwinShape | None, *, busy: bool) -> None:
-        """Show a shape, or say why there is none.
+        """Show a shape, or a sentence on why there is no shape.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class TwinPanel:
 
 
 def caption(search: WatchedSearch, shape: TwinShape) -> str:
-    """Which trial a shape is of, under what load, and whether a better one is to come."""
+    """Caption of a shape: its trial, its load, and whether the shape of a better trial will follow."""
     if shape.trial is None:
         return shape.trouble or shape.title
     best = search.best
@@ -88,6 +88,6 @@ def caption(search: WatchedSearch, shape: TwinShape) -> str:
 
 
 def fit_text(shape: TwinShape) -> str:
-    """Which trial the figures of the fit are of, and which experiments they lack."""
+    """Caption of the figures of the fit: their trial, and the experiments that they lack."""
     of = f"Trial {shape.trial}." if shape.fits and shape.trial is not None else ""
     return f"{of} {shape.missing}".strip()

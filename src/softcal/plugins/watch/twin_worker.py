@@ -98,7 +98,7 @@ def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Respons
 
 
 def _view(at_values: Project, names: Sequence[str], known: Mapping[str, Response]) -> TwinView | str:
-    """The twin at rest and at the end of its load path, or why it cannot be shown."""
+    """The twin at rest and at the end of its load path, or a sentence on why it cannot be shown."""
     from softcal.workflows.calibrated_shapes import equilibrium_shapes, from_undeformed
     from softcal.workflows.simulation import twin_view
 

@@ -21,7 +21,7 @@ REST = 9.0  # times as long as a reading took: at most a tenth of a core
 
 
 class Watch:
-    """What all pages of a server share."""
+    """Data that all pages of a server share."""
 
     def __init__(self, folder: Path) -> None:
         self.reader = RunReader(folder)

@@ -1,4 +1,4 @@
-"""What a run's folder says of it, as frozen data; a folder is read while another process writes it."""
+"""The state of a run from its folder, as frozen data; a folder is read while another process writes it."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class WatchedSearch:
         return tuple(trial for trial in self.trials if trial.loss is None)
 
     def course(self, now: datetime) -> Course:
-        """Where it stands."""
+        """State of the search."""
         if self.failure:
             return "failed"
         course = None if self.live is None else self.live.course(now)
@@ -116,7 +116,7 @@ class WatchedSearch:
 
     @property
     def is_resumed(self) -> bool:
-        """Whether it was begun again after its result was written."""
+        """Whether the search was resumed after its result was written."""
         began = None if self.live is None else self.live.began
         return began is not None and self.ended is not None and began > self.ended
 

@@ -1,4 +1,4 @@
-"""What the page says of a search, in words and tables; pure functions of what was read."""
+"""Texts and tables of the page on a search; pure functions of the data that was read."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_FAILED = 200  # rows of the table
 
 
 def state_sentence(search: WatchedSearch, now: datetime) -> str:
-    """What the search does, or why it does nothing."""
+    """Sentence on the activity of the search, or on why it has none."""
     course, live = search.course(now), search.live
     if course == "failed":
         return search.failure
@@ -57,7 +57,7 @@ def state_sentence(search: WatchedSearch, now: datetime) -> str:
 
 
 def trials_text(search: WatchedSearch) -> str:
-    """How many trials are done, and of how many."""
+    """Text on the number of trials done, and of all trials."""
     if not search.trials and (search.result is not None or search.failure):
         return "–"  # of a finished specimen, whose trials are read when it is chosen
     if search.total is None or search.done > search.total:
@@ -73,7 +73,7 @@ def share_done(search: WatchedSearch, now: datetime) -> float:
 
 
 def time_text(search: WatchedSearch, now: datetime) -> str:
-    """How long the process has worked on it; without a sign of life, until its last trial."""
+    """Duration of the process's work; without a sign of life, until its last trial."""
     live = search.live
     if live is None or live.began is None:
         return span(search.seconds) if search.trials or search.seconds else "–"
@@ -117,7 +117,7 @@ def failed_rows(search: WatchedSearch, facts: ParameterFacts) -> list[dict[str, 
 
 
 def fleet_text(run: WatchedRun, now: datetime) -> str:
-    """How many of several searches or specimens are finished."""
+    """Text on the number of finished searches or specimens."""
     what = "specimens" if run.kind == "fleet" else "searches"
     courses = [search.course(now) for search in run.searches]
     failed = courses.count("failed")
@@ -135,7 +135,7 @@ def share_finished(run: WatchedRun, now: datetime) -> float:
 
 
 def run_state(run: WatchedRun, now: datetime) -> tuple[Course, str]:
-    """What a fleet does as a whole, or a folder without a search, and what is to be said of it."""
+    """Activity of a whole fleet, or of a folder without a search, and a remark on it."""
     courses = [search.course(now) for search in run.searches]
     if not courses:
         return ("ended", "") if run.scores else ("waiting", "There is no run in this folder yet.")

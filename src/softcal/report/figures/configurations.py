@@ -48,7 +48,7 @@ def configurations(content: ReportContent) -> Iterator[Drawing]:
 def draw_configurations(compared: Compared, estimates: Mapping[str, Estimate]) -> ScenePicture:
     """Shapes side by side in one projection; measured markers as balls, joined by a line to the simulated position.
 
-    estimates: label -> what is known of the values of one of the shapes.
+    estimates: label of a parameter -> its estimate, whose interval is shown beside an equal value of a shape.
     """
     from softcal.report.style import RED, SKY
 

@@ -173,7 +173,7 @@ def effort_axes(axes: Axes, title: str, pair: tuple[str, str]) -> None:
     axes
         The axes, in display units.
     title
-        Of the chart.
+        Title of the chart.
     pair
         The channels of the coordinate and of the effort.
     """

@@ -40,7 +40,7 @@ def draw_loops(title: str, data: Dataset, fit: ExperimentFit, of: DrivenChannels
     Parameters
     ----------
     title
-        Of the figure.
+        Title of the figure.
     data
         The samples, with their cycles.
     fit

@@ -103,7 +103,7 @@ def draw_profiles(title: str, curves: Mapping[str, Estimate], result: SearchResu
     Parameters
     ----------
     title
-        Of the figure.
+        Title of the figure.
     curves
         Parameter -> its estimate, with the least losses over its values.
     result
@@ -160,7 +160,7 @@ def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None)
     Parameters
     ----------
     title
-        Of the figure.
+        Title of the figure.
     result
         The calibration, with its trials.
     landscape
@@ -180,14 +180,14 @@ def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None)
 def draw_surface(
     axes: Axes, title: str, result: SearchResult, pair: tuple[str, str], landscape: Landscape | None
 ) -> None:
-    """As `draw_loss_map`, in given axes.
+    """See `draw_loss_map`; draws into existing axes.
 
     Parameters
     ----------
     axes
         Where it is drawn.
     title
-        Of the axes.
+        Title of the axes.
     result
         The calibration, with its trials.
     pair
@@ -231,7 +231,7 @@ def draw_trials_over(axes: Axes, title: str, result: SearchResult, name: str) ->
     axes
         Where they are drawn.
     title
-        Of the axes.
+        Title of the axes.
     result
         The calibration, with its trials.
     name

@@ -91,7 +91,7 @@ def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str,
     Parameters
     ----------
     title
-        Of the figure.
+        Title of the figure.
     equilibria
         The twin's shapes by experiment [m].
     markers

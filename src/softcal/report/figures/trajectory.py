@@ -137,7 +137,7 @@ def draw_trajectory(
     path
         The experiment.
     width
-        Of the figure [in].
+        Width of the figure [in].
     make
         From its width and height to an empty figure.
     """

@@ -41,7 +41,7 @@ def workspace(content: ReportContent) -> Iterator[Drawing]:
 
 
 def workspace_caption(found: Workspace) -> str:
-    """What the drawing shows."""
+    """Caption of the drawing."""
     ends = "; ".join(f"{name} {low:g} to {high:g} {found.units[name]}" for name, (low, high) in found.ranges.items())
     singular = " Diamonds: singular poses." if found.singular else ""
     compliance = (

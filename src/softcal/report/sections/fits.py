@@ -43,7 +43,7 @@ def fits_table_1(content: ReportContent) -> bool:
 
 @register_section("Nominal and calibrated", place=20)
 def compared(content: ReportContent) -> Iterator[Block]:
-    """The errors before and after, or a sweep."""
+    """Errors at the nominal values and after the calibration or sweep."""
     yield Heading(headline(content).comparison)
     yield improvement_table(content)
     yield Gallery(wide=True)
@@ -99,7 +99,7 @@ def search(content: ReportContent) -> Iterator[Block]:
 
 @register_section("The run", place=110)
 def run(content: ReportContent) -> Iterator[Block]:
-    """How long each search took, and of which versions and files."""
+    """Duration of each search, and the versions and files of the run."""
     yield run_table(content)
     yield Gallery()
     yield FoldedTable(stamps_table(content))

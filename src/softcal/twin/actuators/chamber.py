@@ -44,7 +44,7 @@ class Chamber(Actuator):
     ----------
     walls : Body -> the part of its surface that the cavity has: a region's name, or triangles (n, 3 or 6) of its mesh
     medium : "gas", which the pump compresses, or "liquid", which it does not
-    dead_volume : Of gas in hoses, fittings and pump at no pressure [m^3]; with a gas alone
+    dead_volume : Dead volume of gas in hoses, fittings and pump at no pressure [m^3]; with a gas alone
     hose_compliance : Volume of the hoses per pressure [m^3/Pa]; None: they are stiff
     polytropic_exponent : 1 for a gas that stays as warm as it is, 1.4 for air that is compressed at once; None: 1
     """

@@ -29,9 +29,9 @@ class Drive(Actuator):
     Attributes
     ----------
     cables : Cable -> its radius on the pulley over `radius`; negative: a positive angle pays it out
-    radius : Of the pulley, from its axis to the middle of the line [m]
+    radius : Radius of the pulley, from its axis to the middle of the line [m]
     gear_ratio : Turns of the motor for one of the pulley; negative where they turn against each other
-    spring_rate : Of a spring between the pulley and each cable [N/m]; None: none
+    spring_rate : Spring rate of a spring between the pulley and each cable [N/m]; None: none
     pretension : Tension [N] of each cable at the pulley's angle zero, by the springs; None: just taut
     gear_backlash : Angle of the pulley [rad] by which it turns freely while the motor stands; None: none
     zero : Angle of the motor [rad] at which the pulley's is zero; None: zero too
@@ -80,7 +80,7 @@ class Drive(Actuator):
         return self.pretension is not None
 
     def shortenings(self, angles: Floats) -> dict[str, Floats]:
-        """What it takes up of each cable (n,) [m] at angles of the motor (n,) [rad], without springs and backlash."""
+        """Length (n,) [m] of each cable taken up at angles of the motor (n,) [rad], without springs and backlash."""
         turned = (angles - (self.zero or 0.0)) / self.gear_ratio
         return {cable: share * self.radius * turned for cable, share in self.cables.items()}
 

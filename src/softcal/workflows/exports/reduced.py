@@ -39,7 +39,7 @@ def reduced(request: ExportRequest, folder: Path, reach: str | None = None, samp
     request
         The project, and observers.
     folder
-        Of the model.
+        Folder of the model.
     reach
         Largest effort of all actuators, `8N`, or ranges of inputs: of actuators by effort or coordinate, from 0 where
         the lower end is not stated, and of parameters of the robot, `front=8N,left=40mm,tip.mass=0g..200g`; by default
@@ -109,7 +109,7 @@ def _spans(robot: Robot, text: str) -> dict[str, Span]:
         of_each = dict.fromkeys([part.name for part in robot.commandable], parts[0])
     elif len(of_each) != len(parts):
         allowed = f"one range for all {robot.actuator_word}s (8N), or one for each input (front=8N,left=40mm)"
-        raise ParameterError(Fault("the ranges are not those of inputs", "--reach", f"'{text}'", allowed))
+        raise ParameterError(Fault("a range has no name of an input", "--reach", f"'{text}'", allowed))
     found, faults = dict[str, "Span"](), list[Fault]()
     for name, value in of_each.items():
         try:

@@ -24,7 +24,7 @@ def vtk(request: ExportRequest, folder: Path, shapes: int | None = None, in_time
     request
         The project, its cases, and observers.
     folder
-        Of the files.
+        Folder of the files.
     shapes
         Shapes of an animation; in motion those over the schedule, 40 by default, then at the same rate.
     in_time

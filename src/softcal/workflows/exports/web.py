@@ -21,9 +21,9 @@ def web(request: ExportRequest, folder: Path, reach: str | None = None, samples:
     request
         The project, the run for the 95 % bands, and observers.
     folder
-        Of the page.
+        Folder of the page.
     reach, samples
-        As of `softcal export reduced`.
+        See `softcal export reduced`.
     """
     import numpy as np
 

@@ -164,7 +164,7 @@ def _table(rows: Sequence[tuple[int, list[str]]], where: str) -> Floats:
     for shape in shapes:
         own = [kind for kind, _, one in labels if one == shape]
         if own != list(KINDS):
-            faults.append(Fault(f"shape {shape} has not its {LINES} lines", where, ", ".join(own), ", ".join(KINDS)))
+            faults.append(Fault(f"shape {shape} needs {LINES} lines", where, ", ".join(own), ", ".join(KINDS)))
     ordered = [(kind, shape) for shape in shapes for kind in KINDS]
     if not faults and (astray := [i for i, (kind, _, shape) in enumerate(labels) if (kind, shape) != ordered[i]]):
         got = ", ".join(f"{kind} of {shape}" for kind, _, shape in labels[astray[0] - 1 : astray[0] + 1])

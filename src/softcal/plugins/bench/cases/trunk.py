@@ -8,7 +8,7 @@ from softcal.plugins.bench.project_case import ProjectCase
 
 @register_case
 class Trunk(ProjectCase):
-    """Motions without a payload to fit, later ones and those with 100 and 200 g to predict."""
+    """Motions without a payload for the fit; later motions, and motions with 100 and 200 g, for the prediction."""
 
     name = "asl-trunk"
     title = (

@@ -145,7 +145,7 @@ class SofaRun:
         return read_state(self.scene.parts, self.parameters, self.scene.dt)
 
     def first_choice(self, pulls):
-        """Which time step to try first: the one of the state so far that is pulled most alike. Those dance alike."""
+        """The first time step to try: that of the previous state with the most similar pulls and so oscillations."""
         if not self.settled:
             return 0
         seen = [pulls, *(there for there, _ in self.settled)]
@@ -234,7 +234,7 @@ def run(states, parameters, rest, tell, shapes=False):
 
 
 def probe():
-    """Which plugins and components this SOFA lacks."""
+    """The plugins and components that this SOFA lacks."""
     missing = [name for name in [*scene.PLUGINS, *PLUGINS] if not SofaRuntime.importPlugin(name)]
     known = {entry.className for entry in Sofa.Core.ObjectFactory.components}
     return {"missing_plugins": missing, "has_cables": "CableConstraint" in known}

@@ -5,7 +5,7 @@ import Sofa.Core
 
 
 def first_known(*names):
-    """The first of some components' names that this SOFA knows."""
+    """The first of several component names that this SOFA has."""
     known = {entry.className for entry in Sofa.Core.ObjectFactory.components}
     for name in names:
         if name in known:
@@ -53,7 +53,7 @@ def carried_points(parts, on, name, points, **shown):
     on
         Name of the plate or body.
     name
-        Of the new node.
+        Name of the new node.
     points
         Positions (n, 3) [m].
     shown

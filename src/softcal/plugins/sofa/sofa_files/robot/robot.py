@@ -33,7 +33,7 @@ PLUGINS = [
 class Placed:
     """A robot in a scene.
 
-    node: below which it is; parameters: what parameters.json holds; parts: the nodes of its "bodies", "rods", "plates",
+    node: the robot's node; parameters: content of parameters.json; parts: the nodes of its "bodies", "rods", "plates",
     "cables" and "chambers", by name.
     """
 
@@ -41,8 +41,8 @@ class Placed:
         self.node, self.parameters, self.parts = node, parameters, parts
 
     def pull(self, values, dt):
-        """Tell cables their shortening [m] or tension [N], chambers their pressure [Pa], by name; dt: the scene's time
-        step [s].
+        """Command shortenings [m] or tensions [N] of cables and pressures [Pa] of chambers, by name; dt: time step of
+        the scene [s].
         """
         pull(self.parts, self.parameters, values, dt)
 
@@ -64,11 +64,11 @@ def add_robot(parent, name="robot", seen=True, parameters=None):
     parent
         The node of the scene.
     name
-        Of the robot's node, a child of it.
+        Name of the robot's node, a child of `parent`.
     seen
         Add surfaces and markers to look at.
     parameters
-        Those of parameters.json by default.
+        By default the content of parameters.json.
     """
     parameters = parameters or read_parameters()
     robot = parent.addChild(name)

@@ -10,7 +10,7 @@ def pull(parts, parameters, values, dt):
     Parameters
     ----------
     parts, parameters, dt
-        As in `read_state`.
+        See `read_state`.
     values
         Cable -> shortening [m] or tension [N]; chamber -> pressure [Pa].
     """
@@ -80,7 +80,7 @@ def read_chamber(node, chamber, dt):
 
 
 def read_rods(parts, parameters):
-    """The twin's own nodes of every rod: the scene has more."""
+    """Positions of the twin's nodes of every rod [m]; the scene has further nodes between them."""
     return {
         name: np.array(node.dofs.position.value)[:: parameters["rods"][name]["segments"], :3].tolist()
         for name, node in parts["rods"].items()
@@ -110,7 +110,7 @@ def read_marker(marker, parameters, parts):
     marker
         Its entry in parameters.json.
     parameters, parts
-        As in `read_state`.
+        See `read_state`.
     """
     if not marker["on"]:
         return marker["at"]
@@ -126,7 +126,7 @@ def frame_of(name, parts):
 
 
 def carried(at, name, plate, parts):
-    """Where a plate has taken a point [m].
+    """Position [m] of a point that moves with a plate.
 
     Parameters
     ----------

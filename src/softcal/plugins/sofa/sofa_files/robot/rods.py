@@ -86,12 +86,12 @@ def add_beams(node, name, rod):
 
 
 def add_mass(node, name, nodes, group):
-    """The mass of some of the rod's nodes: a component of SOFA's has one for all.
+    """Add the mass of some of the rod's nodes, in a child node: a UniformMass has one mass for all of its points.
 
     Parameters
     ----------
     node, name
-        The rod's node, and the name of that of the mass.
+        The rod's node, and the name of the child node.
     nodes
         All points (n, 3) [m] of the rod.
     group

@@ -16,14 +16,14 @@ CABLE, MARKER = [0.05, 0.2, 0.45, 1.0], [0.1, 0.55, 0.25, 1.0]
 
 
 def add_view(root, parameters):
-    """What a scene has once: what is drawn of everything, and the camera."""
+    """Add the display flags and the camera, of which a scene has one each."""
     root.addObject("RequiredPlugin", name="visual_plugins", pluginName=["Sofa.Component.Visual"])
     root.addObject("VisualStyle", displayFlags=FLAGS)
     root.addObject("InteractiveCamera", name="camera", **parameters["visual"]["camera"])
 
 
 def add_surfaces(robot, parameters, parts):
-    """What there is to see of the robot; without OpenGL no surfaces.
+    """Show the cables, markers, plates and surfaces of the robot; without OpenGL no surfaces.
 
     Parameters
     ----------

@@ -40,8 +40,8 @@ candidates:
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bar")
-    # Noise that is larger than the error of the bar's linear tets, which no test would change; no usual cause is suspected
-    # in it, whose part in the interval would depend on how closely the curve is interpolated.
+    # Noise that is larger than the error of the bar's linear tets, which no test would change. No usual cause is
+    # suspected in it, whose part in the interval would depend on how closely the curve is interpolated.
     chance = np.random.default_rng(1)
     head, *lines = bench_csv().splitlines()
     rows = [[float(cell) for cell in line.split(",")] for line in lines]

@@ -143,7 +143,7 @@ class DrawnShape(BodyShape):
 
     Attributes
     ----------
-    scale : Scale of the mesh as it is [-]
+    scale : Factor on the mesh as it is [-]
     wall_offset : Wall offset of its surface as it is [m]
     """
 

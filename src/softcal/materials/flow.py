@@ -64,19 +64,7 @@ class Flow(Inelastic):
         return not self.at_once
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The response of the material with the branch parallel to the law.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        memory
-            E_p and E of the previous sample (n, 12).
-        elapsed
-            Time since that sample [s]; of no effect where tau_f is zero.
-        constants
-            mu_f and Y [Pa], and tau_f [s] unless it flows at once.
-        """
+        """The response of the material with the branch parallel to the law. Arguments: see `Inelastic.respond`."""
         mu, Y, form = constants[MODULUS], constants[THRESHOLD], _form(at)
         set_before, before = memory[:, :6], memory[:, 6:]
         first, last = _decays(elapsed, constants)
@@ -99,21 +87,7 @@ class Flow(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy, the stress and the memory that `respond` returns.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        by
-            Rates of its strain, energy and stress.
-        memory
-            The memory as in `respond`, and its rates.
-        elapsed
-            Time since the previous sample [s]; of no effect where tau_f is zero.
-        constants
-            The constants as in `respond`, and their rates; missing rates are zero.
-        """
+        """See `Inelastic.rates`."""
         values, changes = constants
         mu, form = values[MODULUS], _form(at)
         (set_before, before), (set_rate, before_rate) = ((one[:, :6], one[:, 6:]) for one in memory)

@@ -63,19 +63,7 @@ class Maxwell(Inelastic):
         return False  # it measures the strain of a solid
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The response of the material with the branches parallel to the law.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        memory
-            A of the previous sample, then h_i of each branch (n, 6 (1 + branches)) [-].
-        elapsed
-            Time since that sample [s]; infinity: until nothing changes any more.
-        constants
-            mu_i [Pa], tau_i [s] and the exponent m [-].
-        """
+        """The response of the material with the branches parallel to the law. Arguments: see `Inelastic.respond`."""
         mu = stacked(constants, self._moduli)
         strain = _measured(at, constants)
         kept = self._kept.follow(strain.A, memory, elapsed, constants)
@@ -96,21 +84,7 @@ class Maxwell(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy, the stress and the memory that `respond` returns.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        by
-            Rates of its strain, energy and stress.
-        memory
-            The memory as in `respond`, and its rates.
-        elapsed
-            Time since the previous sample [s]; infinity: until nothing changes any more.
-        constants
-            The constants as in `respond`, and their rates; missing rates are zero.
-        """
+        """See `Inelastic.rates`."""
         values, changes = constants
         mu, dmu = (stacked(one, self._moduli) for one in constants)
         dm = np.asarray(changes.get(EXPONENT, 0.0))

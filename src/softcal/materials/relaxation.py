@@ -54,19 +54,7 @@ class Relaxation(Inelastic):
         return "" if total < 1.0 else f"the shares that relax add up to {total:.4g}, and must be below 1 together"
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The response of the material with the stresses that relax.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        memory
-            S of the previous sample, then H_i / beta_i of each branch (n, 6 (1 + branches)).
-        elapsed
-            Time since that sample [s]; infinity: until nothing changes any more.
-        constants
-            g_i [-] and tau_i [s].
-        """
+        """The response of the material with the stresses that relax. Arguments: see `Inelastic.respond`."""
         g = stacked(constants, self._shares)
         beta = g / (1.0 - g.sum())
         kept = self._kept.follow(at.S, memory, elapsed, constants)
@@ -83,21 +71,7 @@ class Relaxation(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy, the stress and the memory that `respond` returns.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        by
-            Rates of its strain, energy and stress.
-        memory
-            The memory as in `respond`, and its rates.
-        elapsed
-            Time since the previous sample [s]; infinity: until nothing changes any more.
-        constants
-            The constants as in `respond`, and their rates; missing rates are zero.
-        """
+        """See `Inelastic.rates`."""
         values, changes = constants
         g, dg = stacked(values, self._shares), stacked(changes, self._shares)
         rest = 1.0 - g.sum()

@@ -39,19 +39,7 @@ class Softening(Inelastic):
         return 1
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        """The response of the material softened by eta.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        memory
-            W_max of the previous samples (n, 1) [J/m^3].
-        elapsed
-            Time since that sample [s], of no effect.
-        constants
-            r [-], m [Pa] and b [-].
-        """
+        """The response of the material softened by eta. Arguments: see `Inelastic.respond`."""
         most = np.maximum(memory[:, 0], at.W)
         r, m, b = (constants[name] for name in (AMOUNT, ENERGY, RANGE))
         width = m + b * most
@@ -73,21 +61,7 @@ class Softening(Inelastic):
         elapsed: float,
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
-        """The rates of the energy, the stress and the memory that `respond` returns.
-
-        Parameters
-        ----------
-        at
-            The material without this part of its history, at points (n,).
-        by
-            Rates of its strain, energy and stress.
-        memory
-            The memory as in `respond`, and its rates.
-        elapsed
-            Time since the previous sample [s], of no effect.
-        constants
-            The constants as in `respond`, and their rates; missing rates are zero.
-        """
+        """See `Inelastic.rates`."""
         values, changes = constants
         r, m, b = (values[name] for name in (AMOUNT, ENERGY, RANGE))
         dr, dm, db = (changes.get(name, 0.0) for name in (AMOUNT, ENERGY, RANGE))

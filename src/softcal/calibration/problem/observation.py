@@ -45,6 +45,39 @@ class Observation:
     response: Mapping[str, Floats]
     units: Mapping[str, str]
 
+    def instrument_errors(self, experiment: Experiment, channel: str) -> dict[str, tuple[Floats, float]]:
+        """Systematic error that changes a channel -> its entry of `Block.unstated`: the offset, gain and drift of the
+        instrument, and the compliance of a machine that pulls a cable.
+
+        A machine that yields by c under the tension T pulls by c T less, as a slack of that size does: the effect is
+        known where the slack is among the parameters.
+
+        Parameters
+        ----------
+        experiment
+            The experiment of these predictions, which have derivatives.
+        channel
+            The channel of the dataset.
+        """
+        reading, predicted, rates = experiment.twin_channel(channel), self.predicted[channel], self.derivatives
+        largest = float(np.nanmax(np.abs(experiment.dataset.values(channel))))
+        errors = {
+            reading.offset: (np.ones_like(predicted), largest),
+            reading.gain: (predicted, 1.0),
+            reading.drift: (experiment.elapsed, largest),
+        }
+        tensions = {
+            name.carrier: one for one in self.predicted if (name := experiment.twin_channel(one)).kind == TENSION
+        }
+        for driving in experiment.drives:
+            pulled = experiment.twin_channel(driving)
+            if pulled.kind == SHORTENING and pulled.carrier in tensions and pulled.offset in rates.parameters:
+                tension, travel = self.predicted[tensions[pulled.carrier]], np.ptp(experiment.dataset.values(driving))
+                by_slack = rates.rates[:, rates.channels.index(channel), rates.parameters.index(pulled.offset)]
+                scale = float(travel / max(np.nanmax(np.abs(tension)), 1e-300))
+                errors[f"{pulled.carrier}.compliance"] = by_slack * tension, scale
+        return {name: error for name, error in errors.items() if name}
+
 
 def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Command]:
     """The commands to the twin's actuators, sample by sample, under the given rig values."""

@@ -8,7 +8,7 @@ slack. A robot that remembers begins each experiment anew.
 from __future__ import annotations
 
 import time
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple, runtime_checkable
@@ -29,7 +29,6 @@ from softcal.checks import Floats
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import InputError, MeshError, ParameterError, SimulationError
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.parameters import MODULUS, ParameterInfo, robot_parameters
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Derivatives, Response
@@ -379,13 +378,13 @@ class Problem:
         return Response({}, {}, failure, succeeded=False, n_factorisations=0)
 
     def _blocks(self, observations: Mapping[str, Observation]) -> list[Block]:
-        blocks: list[Block] = []
+        blocks, robot = list[Block](), robot_parameters(self.robot)
         for experiment in self.experiments:
             if experiment.name not in observations:
                 continue
             seen = observations[experiment.name]
             judged = [p for p in (*self.space.parameters, *self.uncertain) if p.serves(experiment.name)]
-            stated = {*experiment.settings, *(target for p in judged for target in p.targets)}
+            stated = {*robot, *experiment.settings, *(target for p in judged for target in p.targets)}
             for channel in experiment.compared:
                 there = experiment.seen(channel) & np.isfinite(seen.predicted[channel])
                 if not there.any():
@@ -393,7 +392,8 @@ class Problem:
                 values = experiment.dataset.values(channel)[there]
                 jacobian = _columns(self.space.parameters, experiment.name, seen.derivatives, channel)
                 systematic = _columns(self.uncertain, experiment.name, seen.derivatives, channel)
-                drifts, unstated = self._unstated(experiment, channel, seen, stated)
+                drift = experiment.twin_channel(channel).drift
+                errors = {} if jacobian is None else seen.instrument_errors(experiment, channel)
                 blocks.append(
                     Block(
                         experiment.name,
@@ -405,42 +405,11 @@ class Problem:
                         experiment.point_of(channel),
                         None if systematic is None else systematic[there] * [p.sd for p in self.uncertain],
                         experiment.set_up,
-                        experiment.elapsed[there] if drifts else None,
-                        {name: (shape[there], scale) for name, (shape, scale) in unstated.items()},
+                        experiment.elapsed[there] if drift and drift not in stated else None,
+                        {name: (shape[there], scale) for name, (shape, scale) in errors.items() if name not in stated},
                     )
                 )
         return blocks
-
-    def _unstated(
-        self, experiment: Experiment, channel: str, seen: Observation, stated: Container[str]
-    ) -> tuple[bool, dict[str, tuple[Floats, float]]]:
-        """Whether no statement is made on the drift of a channel's instrument, and the channel's `Block.unstated`.
-
-        A machine that yields by c under the tension T pulls a cable by c T less, as a slack of that size does: its
-        effect is known where the slack is among the parameters.
-        """
-        reading, predicted = experiment.twin_channel(channel), seen.predicted[channel]
-        largest = float(np.nanmax(np.abs(experiment.dataset.values(channel))))
-        errors = {
-            reading.offset: (np.ones_like(predicted), largest),
-            reading.gain: (predicted, 1.0),
-            reading.drift: (experiment.elapsed, largest),
-        }
-        tensions = {
-            name.carrier: one for one in seen.predicted if (name := experiment.twin_channel(one)).kind == TENSION
-        }
-        for driving in experiment.drives:
-            drive = experiment.twin_channel(driving)
-            compliance, slack = f"{drive.carrier}.compliance", drive.offset
-            if drive.kind == SHORTENING and drive.carrier in tensions and slack in seen.derivatives.parameters:
-                tension = seen.predicted[tensions[drive.carrier]]
-                k = seen.derivatives.parameters.index(slack)
-                rates = seen.derivatives.rates[:, seen.derivatives.channels.index(channel), k]
-                travel = float(np.ptp(experiment.dataset.values(driving)))
-                errors[compliance] = rates * tension, travel / max(float(np.nanmax(np.abs(tension))), 1e-300)
-        known = robot_parameters(self.robot)
-        errors = {name: error for name, error in errors.items() if name and name not in {*stated, *known}}
-        return reading.drift in errors, errors
 
     def priors(self, theta: Mapping[str, float]) -> list[Block]:
         """The priors as blocks."""

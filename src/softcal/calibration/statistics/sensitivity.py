@@ -21,8 +21,14 @@ from softcal.calibration.statistics.band import bands, further_variance, repeat_
 from softcal.calibration.statistics.between_experiments import Between
 from softcal.calibration.statistics.between_markers import MARKERS, n_markers, with_markers
 from softcal.calibration.statistics.estimate import Estimate, Remark
-from softcal.calibration.statistics.estimator import Estimator, estimator, unseen_parameters
-from softcal.calibration.statistics.instrument_errors import instrument_errors
+from softcal.calibration.statistics.estimator import (
+    Estimator,
+    curving,
+    estimator,
+    linearised,
+    unseen_parameters,
+    weighed,
+)
 from softcal.calibration.statistics.intervals import box_intervals
 from softcal.calibration.statistics.left_out import LeftOut, left_out
 from softcal.calibration.statistics.noise import DRIFT, MISFIT, PRIOR
@@ -218,7 +224,7 @@ def local_statistics(
     widths, repeats = (one(loss, slopes, blocks, found) for one in (bands, repeat_bands))
     dof = {space.labels[j]: float(found.dof[j]) for j in known if np.isfinite(found.dof[j])}
     free = np.array([not at_bound[label] for label in space.labels])
-    moved = instrument_errors(loss, np.where(free, slopes, 0.0), blocks, (upper - lower) / 2)
+    moved = moving_errors(loss, np.where(free, slopes, 0.0), blocks, (upper - lower) / 2)
     moved_by = {space.labels[j]: moved[j] for j in known if rig_kind(space.parameters[j].targets[0]) is None}
     return Statistics(
         errors,
@@ -235,6 +241,47 @@ def local_statistics(
         dof,
         moved_by,
     )
+
+
+def moving_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half: Floats) -> list[dict[str, float]]:
+    """Of each parameter: name of an instrument's error, on which nothing is stated -> its size [SI] that moves the
+    estimate by half its interval. Of each instrument the one that is smallest over what it reads.
+
+    By how much an error would move the minimum is known from the derivatives: -A^-1 J^T W c for the change c of the
+    residuals, as of an uncertain parameter (`problem/uncertain.py`). A parameter at a bound stays there. No residual
+    shows an error of one sign in all samples, nor most of what a machine yields under the tension.
+
+    Parameters
+    ----------
+    loss, blocks
+        The loss, and its blocks with jacobians.
+    slopes
+        d theta / d z (size,), zero of parameters that stay where they are.
+    half
+        Half the intervals (size,) in the unit box.
+    """
+    seen = [weighed(loss, one) for one in blocks]
+    parts, inverse, _ = linearised(loss, seen, slopes)
+    pulls: dict[str, Floats] = {}
+    reads: dict[str, float] = {}
+    for one, part in zip(seen, parts, strict=True):
+        unit = np.ones(len(one.weights)) if one.stated is None else one.stated
+        for name, (shape, scale) in one.block.unstated.items():
+            changed = curving(loss, one.block, one.weights, shape[:, None])[:, 0]
+            pulls[name] = pulls.get(name, 0.0) + (changed / unit) @ part.pull
+            reads[name] = max(reads.get(name, 0.0), scale)
+    moved = {name: np.abs(pull @ inverse) for name, pull in pulls.items()}
+    smallest: list[dict[str, float]] = []
+    for j in range(len(slopes)):
+        found: dict[str, tuple[float, str, float]] = {}
+        for name, shift in moved.items():
+            if shift[j] * reads[name] <= half[j]:
+                continue  # not even an error as large as what is read
+            size = float(half[j]) / float(shift[j])
+            best, instrument = (size / reads[name], name, size), name.rpartition("_")[0] or name
+            found[instrument] = min(found.get(instrument, best), best)
+        smallest.append({name: size for _, name, size in sorted(found.values())})
+    return smallest
 
 
 def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] = ()) -> str:

@@ -156,6 +156,27 @@ def test_check_says_which_via_points_are_in_bores(tmp_path: Path):
     assert "  bores" not in dict(check(load(write_project(tmp_path / "q"))).rows)
 
 
+def test_check_warns_of_a_cable_that_leaves_its_bore_for_the_material(tmp_path: Path):
+    """And says in a row where the material alone guides it: without a bore in the mesh, that is how it is meant."""
+
+    def checked(name: str, first: str, second: str) -> tuple[list[str], dict[str, str]]:
+        path = bored_project(tmp_path / name)
+        text = path.read_text(encoding="utf-8")
+        via = f"- {{at: [{first}, 0 mm, 70 mm]}}\n        - {{on: bar, at: [{second}, 0 mm, 5 mm]}}\n"
+        begin, end = text.index("- {on: bar"), text.index("        - {at: [2 mm")
+        path.write_text(text[:begin] + via + text[end:].replace("2 mm", second), encoding="utf-8")
+        found = check(load(path), solve=False)
+        return [one for one in found.warnings if "front" in one], dict(found.rows)
+
+    (warning,), _ = checked("leaves", "2 mm", "-4 mm")
+    length = float(re.search(r"front: ([\d.]+) mm of it run through the material of bar, beside the bore", warning)[1])  # type: ignore[index]
+    assert 20.0 < length < 50.0
+    assert checked("along", "2 mm", "2 mm")[0] == []
+    none, rows = checked("without", "-4 mm", "-4 mm")
+    assert none == []
+    assert rows["  embedded"].endswith("mm in the material of bar, which has no bore there and guides it")
+
+
 def test_several_points_outside_are_one_fault(capsys: pytest.CaptureFixture[str], tmp_path: Path):
     code, _, err = said(capsys, "check", bored_project(tmp_path / "p", move="12 mm, 0 mm"))
     assert code == 2

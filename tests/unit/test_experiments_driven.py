@@ -20,7 +20,7 @@ from softcal.calibration.results.fit import experiment_fit
 from softcal.errors import DatasetError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.hysteresis import loops
-from softcal.experiments.plausibility import absolute_pressures, check_plausible
+from softcal.experiments.plausibility import check_plausible, suspected_zeros
 from softcal.experiments.prepare import parse_steps, prepare
 from softcal.experiments.steps.branches import take_branch
 from softcal.experiments.steps.cycles import find_cycles
@@ -203,10 +203,22 @@ def test_a_stiffness_is_plausible_of_any_actuator(values: tuple[str, str], told:
 @pytest.mark.parametrize(("first", "told"), [("1013 mbar", "is it absolute?"), ("0 kPa", ""), ("150 kPa", "")])
 def test_an_absolute_pressure_is_suspected(first: str, told: str) -> None:
     values = parse_quantity(first, "Pa") + np.linspace(0.0, 5e3, 10)
-    warnings = " ".join(absolute_pressures(dataset(main__pressure=values)))
+    warnings = " ".join(suspected_zeros(dataset(main__pressure=values)))
     assert told in warnings
     assert bool(warnings) == bool(told)
     assert bool(told) == bool(warnings)
+
+
+@pytest.mark.parametrize(
+    ("first", "tension", "told"),
+    [(12.4e-3, 0.0, True), (-12.4e-3, 0.0, True), (12.4e-3, 5.0, False), (2e-3, 0.0, False), (0.0, 0.0, False)],
+)
+def test_a_travel_that_counts_from_elsewhere_is_suspected(first: float, tension: float, told: bool) -> None:
+    """Where the cable does not pull yet: one that does was pulled before the record."""
+    travel = np.linspace(0.0, 6e-3, 20)
+    warnings = " ".join(suspected_zeros(dataset(shortening=first + travel, tension=tension + 1e3 * travel)))
+    assert ("zero: {channel: shortening, by: first}" in warnings) is told
+    assert bool(warnings) is told
 
 
 def pump(n: int = 200, **more: np.ndarray) -> Dataset:

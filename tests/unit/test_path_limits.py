@@ -264,6 +264,18 @@ def test_a_calibration_says_how_far_a_path_is(capsys: pytest.CaptureFixture[str]
     assert any(count.endswith(" %") for count in seen)
 
 
+def test_a_calibration_says_how_far_its_first_simulation_is(capsys: pytest.CaptureFixture[str]) -> None:
+    """A minute apart, before any trial is ready."""
+    times = iter([0.0, 59.0, 61.0, 120.0, 122.0])
+    lines = CalibrationLines(lambda: next(times))
+    for share in (0.1, 0.2, 0.3, 0.4):
+        lines.follow(PathProgress(share, 7))
+    assert capsys.readouterr().err.splitlines() == [
+        f"First simulation; load path at {PathProgress(share, 7)} ({seconds} s)"
+        for share, seconds in ((0.2, 61), (0.4, 122))
+    ]
+
+
 def test_what_is_printed_beside_a_stage_begins_a_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,7 +29,8 @@ class CalibrationLines:
         self._reported: dict[str, float] = {}
         self._tenth: dict[str, int] = {}
         self._waiting: dict[str, Progress] = {}  # the last unreported state of each
-        self._last: tuple[str, Progress] | None = None
+        self._last: tuple[str, Progress] | None = None  # None during the first simulation
+        self._entered = self._since = now()
         self._watch = ExitStack()
 
     def __enter__(self) -> CalibrationLines:
@@ -63,7 +64,11 @@ class CalibrationLines:
 
     def follow(self, path: PathProgress) -> None:
         """Say how far a load path of the present simulation is, where a minute passed without a line."""
-        if self._last is not None and self._now() - self._reported.get(self._last[0], self._now()) >= MOST:
+        now = self._now()
+        if self._last is None and now - self._since >= MOST:
+            self._since = now
+            echo(f"First simulation; load path at {path} ({now - self._entered:.0f} s)", err=True)
+        elif self._last is not None and now - self._reported.get(self._last[0], now) >= MOST:
             self._tell(*self._last, path=f"; load path at {path}")
 
     def _tell(self, label: str, state: Progress, path: str = "") -> None:

@@ -82,15 +82,27 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     return tuple(f"{dataset.name}: {warning}" for warning in warnings)
 
 
-def absolute_pressures(prepared: Dataset) -> tuple[str, ...]:
-    """One sentence for each pressure of a prepared record that changes, and begins at that of the atmosphere."""
+def suspected_zeros(prepared: Dataset) -> tuple[str, ...]:
+    """One sentence for each channel of a prepared record whose zero is elsewhere: a pressure that begins at that of the
+    atmosphere, a shortening that begins farther out than it moves, where the cable does not yet pull.
+    """
     pressures = {key: one.values for key, one in prepared.channels.items() if channel_name(key).kind == PRESSURE}
     text = "{0} begins at {1}: is it absolute? zero: {{channel: {0}, by: 101.325 kPa}} takes the atmosphere's off"
-    return tuple(
+    said = [
         text.format(key, format_quantity(values[0], "Pa"))
         for key, values in pressures.items()
         if abs(values[0] / _ATMOSPHERE - 1.0) < _ATMOSPHERIC and np.ptp(values) > 0.0
-    )
+    ]
+    of = driven_whole(prepared)
+    if of is not None and of.is_cable and np.isfinite(prepared.values(of.effort)[0]):
+        travel, tension = prepared.values(of.coordinate), prepared.values(of.effort)
+        if abs(travel[0]) > np.ptp(travel) > 0.0 and abs(tension[0]) < _FLOOR * np.nanmax(np.abs(tension)):
+            begin, moved = (format_quantity(float(size), "m", digits=3) for size in (travel[0], np.ptp(travel)))
+            said.append(
+                f"{of.coordinate} begins at {begin}, and moves by {moved}, while {of.effort} begins near zero: does "
+                f"the machine count from elsewhere? zero: {{channel: {of.coordinate}, by: first}} takes that off"
+            )
+    return tuple(said)
 
 
 def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]]) -> dict[str, str]:

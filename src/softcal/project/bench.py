@@ -16,7 +16,7 @@ from softcal.experiments.header import MASS
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
 from softcal.experiments.motion_capture import read_c3d
 from softcal.experiments.orientation import QUATERNION
-from softcal.experiments.plausibility import absolute_pressures, check_plausible
+from softcal.experiments.plausibility import check_plausible, suspected_zeros
 from softcal.experiments.prepare import PlannedStep
 from softcal.experiments.read import read_table
 from softcal.experiments.step import STEPS
@@ -109,7 +109,7 @@ def build_bench(
         with findings.at((*path, "prepare", i, key) if key else (*path, "prepare", i)):
             if len(findings.faults) == n_faults:
                 prepared.apply(step)
-    for sentence in absolute_pressures(prepared.now):
+    for sentence in suspected_zeros(prepared.now):
         findings.warn(path, sentence)
     for channel in of_kind(FLOW, prepared.now.channels) if len(findings.faults) == n_faults else ():
         what, attempt = "a flow is no channel of the twin", f"integrate_flow in prepare, for {as_prepared(channel)}"

@@ -69,12 +69,14 @@ class OffBore(NamedTuple):
     """Lengths [m] of a cable in a body that does not guide it along a bore.
 
     straight, in_bore: through the body's material, or in a bore or cavity of it, between via points that are on other
-    parts. guided: through the material with the body, although one of the via points is in a bore.
+    parts. guided: through the material with the body, although the line is also in a bore. embedded: likewise where
+    the line is in no bore.
     """
 
     straight: float = 0.0
     in_bore: float = 0.0
     guided: float = 0.0
+    embedded: float = 0.0
 
 
 def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
@@ -90,8 +92,9 @@ def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
             passage = _passage(mesh, start.at, end.at)
             own = [via for via in (start, end) if via.on == name]
             if len(own) == 2 or (own and j > i + 1):
-                bore = max(attach_point(mesh, via.at).bore for via in own)
-                more = OffBore(guided=passage.in_material if 0.0 < bore < passage.in_material else 0.0)
+                bore = max(passage.bore, *(attach_point(mesh, via.at).bore for via in own))
+                beside = passage.in_material if bore < passage.in_material else 0.0
+                more = OffBore(guided=beside) if bore else OffBore(embedded=beside)
             else:
                 more = OffBore(passage.in_material, passage.spacing * int(passage.in_bore.sum()))
             lengths_of[name] = OffBore(*(a + b for a, b in zip(lengths_of.get(name, OffBore()), more, strict=True)))
@@ -146,12 +149,22 @@ class _Passage:
         """The points that material surrounds, or the wall of a bore (m, 3) [m]."""
         return self.points[self.deep | self.in_bore]
 
-    @cached_property
+    @property
     def in_bore(self) -> NDArray[np.bool_]:
         """Whether the wall of a bore surrounds each point (n,)."""
-        outside = ~self.in_tets
-        outside[outside] = [wall_around(self.mesh, at) is not None for at in self.points[outside]]
-        return outside
+        return self._bores > 0.0
+
+    @property
+    def bore(self) -> float:
+        """The largest diameter [m] of the bores that surround points; 0 without."""
+        return float(self._bores.max(initial=0.0))
+
+    @cached_property
+    def _bores(self) -> Floats:
+        walls = [
+            None if held else wall_around(self.mesh, at) for held, at in zip(self.in_tets, self.points, strict=True)
+        ]
+        return np.array([0.0 if wall is None else wall.diameter for wall in walls])
 
 
 def _passage(mesh: TetMesh, start: Floats, end: Floats) -> _Passage:

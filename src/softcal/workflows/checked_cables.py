@@ -40,6 +40,9 @@ def cable_rows(robot: Robot) -> list[tuple[str, str]]:
                 rows.append(
                     ("  straight", f"{far} in a bore or cavity of {body}; a via point on {body} makes it a guide")
                 )
+            if length.embedded:
+                far = format_quantity(length.embedded, "m", digits=3)
+                rows.append(("  embedded", f"{far} in the material of {body}, which has no bore there and guides it"))
         stated = cable.properties
         units = {
             "stiffness": ("EA", "N"),
@@ -75,8 +78,8 @@ def off_course(robot: Robot) -> list[str]:
                 )
             if length.guided:
                 sentences.append(
-                    f"{cable.name}: {guided} of it run through the material of {body}, off the bore in which a via "
-                    "point is; allowed: a line along the bore; try via points where the bore turns"
+                    f"{cable.name}: {guided} of it run through the material of {body}, beside the bore in which the "
+                    "rest is; allowed: a line along the bore; try via points on its axis, and where it turns"
                 )
     return sentences
 

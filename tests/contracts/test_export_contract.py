@@ -95,7 +95,7 @@ def test_an_export_of_ones_own_is_a_command(plates: ModuleType, tmp_path: Path) 
     )
     assert found.exit_code == 0, found.output
     shown = shown_path(out)
-    assert f"Wrote 1 files into {shown}; open it there: {shown}" in found.output
+    assert f"Wrote 1 file into {shown}; open it there: {shown}" in found.output
     head, *rows = (out / "pull.csv").read_text(encoding="utf-8").splitlines()
     assert head == "state,plate,z [m]"
     assert f"pull: {len(rows)} states" in found.output

@@ -150,8 +150,11 @@ def test_all_rows_skipped(option: str, tmp_path: Path) -> None:
 def test_a_footer_is_skipped_and_lines_are_those_of_the_file(tmp_path: Path) -> None:
     text = "bench 7\n" + HEADER + ROWS + "end of test\n"
     np.testing.assert_allclose(read(tmp_path, text, skip_footer=1).values("tension"), EXPECTED)
-    with pytest.raises(DatasetError, match=r"line 9: .*; got 'end of test'"):
+    with pytest.raises(DatasetError, match=r"line 9: .*; got 'end of test'.* Try: skip_footer: 1, to leave the end"):
         read(tmp_path, text)
+    further = "".join(f"{k},{k}\n" for k in range(8, 20))
+    with pytest.raises(DatasetError, match=r"got 'odd'; allowed: numbers with a decimal point\.$"):
+        read(tmp_path, HEADER + ROWS + "7.5,odd\n" + further)
 
 
 def test_what_is_no_file_is_refused(tmp_path: Path) -> None:

@@ -91,7 +91,9 @@ def calibrate(  # noqa: PLR0913 (what is searched, where, and by whom)
             account = replace(account, n_solves=account.n_solves + seen.n_solves)
             result = conclusion(seen.best, found.trials, account, uncertain=seen.uncertain)
             if seen.unknown:
-                result = replace(result, notes=(*result.notes, Remark(seen.unknown)))
+                # Of another engine's twin it never is.
+                remark = Remark(seen.unknown, "warning" if part.simulate is None else "note")
+                result = replace(result, notes=(*result.notes, remark))
         else:
             result = conclusion(found.best, found.trials, account)
         if complete.hold_out:

@@ -21,6 +21,7 @@ from softcal.sensing.channel import TIME
 from softcal.sensing.sensors.plate import ANGLES
 
 _N_VALUES = 10  # values of a column listed in a fault
+_FOOTER = 5  # lines at the end of a file, which may be no rows of its table
 
 
 def read_table(
@@ -212,12 +213,14 @@ def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
     decimal
         Decimal mark of the table.
     """
+    last = table.last_line - odd.lines[0] + 1  # lines from the first of them to the end
     shown = ", ".join(repr(cell if len(cell) <= 40 else cell[:39] + "…") if cell else "nothing" for cell in odd.cells)
     return Fault(
         f"{odd.n} value(s) are not numbers",
         where=f"{table.path}, column '{table.headers[place]}', {line_numbers(odd.lines, odd.n)}",
         got=shown + (", …" if odd.n > len(odd.cells) else ""),
         allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
+        attempt=f"skip_footer: {last}, to leave the end of the file out" if last <= _FOOTER else "",
     )
 
 

@@ -126,7 +126,9 @@ def budget_note(of: FirstScreen) -> str:
             f"{bounds}The mesh's share is the square of the shift that its study expects; the intervals do not include "
             "it."
         )
-    return f"{bounds}The mesh's share is not included; softcal mesh-study finds it."
+    return (
+        f"{bounds}The mesh's share is not included; softcal mesh-study estimates it, by meshes within its --unknowns."
+    )
 
 
 def _estimates(of: FirstScreen) -> str:

@@ -60,10 +60,10 @@ class RunBand:
         request.stage("Simulating the experiments, for the bands")
         found, slopes = source.estimator()
         steps = {target: np.where([p is one for one in free], slopes, 0.0) for p, target in of_robot}
+        several = " and the differences between the experiments" if len(source.problem.experiments) > 1 else ""
         words = (
             "The bands are the 95 % intervals of the calibration carried into what the twin does at a command, "
-            "with the correlations of the parameters and the differences between the experiments, and without the "
-            "noise of a measurement."
+            f"with the correlations of the parameters{several}, and without the noise of a measurement."
         )
         return cls(" ".join([words, *source.notes]), steps, found, told)
 

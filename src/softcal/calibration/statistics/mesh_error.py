@@ -93,7 +93,8 @@ def on_finer_mesh(problem: Problem, theta: Mapping[str, float], *, max_unknowns:
     is_lower = has_lower(robot, DEFAULT.name)
     elements = elevated(robot, DEFAULT.name) if is_lower else robot
     if (n := size(elements, 0 if is_lower else 1).unknowns) > max_unknowns:
-        return unknown(f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}")
+        more = f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}"
+        return unknown(f"{more}. Try a coarser mesh, or softcal mesh-study RUN --unknowns {n}")
     try:
         return replace(problem, simulate=finer_twin(robot)).evaluate(theta)
     except MeshError as error:

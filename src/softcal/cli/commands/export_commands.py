@@ -57,7 +57,7 @@ def _command(export: Export) -> Any:
         for text in notes:
             echo(text)
         hint = f"; {export.hint.format(out=shown_path(out))}" if export.hint else ""
-        echo(f"Wrote {len(written)} files into {shown_path(out)}{hint}")
+        echo(f"Wrote {len(written)} file{'s' * (len(written) != 1)} into {shown_path(out)}{hint}")
 
     empty = inspect.Parameter.empty
     arguments: dict[str, tuple[Any, Any]] = {"source": (Source, empty), "out": (Out, empty)}

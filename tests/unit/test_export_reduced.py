@@ -308,7 +308,8 @@ def test_channels_are_those_of_the_twin(loaded: ReducedModel, read: ReducedModel
 def test_bands_are_the_intervals_carried_into_each_state(tmp_path: Path) -> None:
     """A band is 1.96 standard errors of E times the derivative by E, here by differences; none of a project file."""
     head, *lines = bench_csv().splitlines()
-    chance = np.random.default_rng(0)
+    # Noise in which no usual cause is suspected: its part would depend on how closely the curve is interpolated.
+    chance = np.random.default_rng(1)
     rows = [[float(cell) for cell in line.split(",")] for line in lines]
     noisy = [
         f"{t},{d},{f + 0.1 * chance.standard_normal()},{p + 0.3 * chance.standard_normal()}" for t, d, f, p in rows

@@ -97,7 +97,7 @@ def _alike(name: str, known: Iterable[str], n: int, cutoff: float = 0.0) -> list
     which are a part of it: "a.pressure" where it is "a".
     """
     folded, name = {candidate.casefold(): candidate for candidate in known}, name.casefold()
-    related = [one for one in folded if name in one.split(".") or one in name.split(".")]
+    related = [one for one in folded if f".{name}." in f".{one}." or f".{one}." in f".{name}."]
     first = difflib.get_close_matches(name, related, n, 0.0)
     return [folded[one] for one in dict.fromkeys([*first, *difflib.get_close_matches(name, folded, n, cutoff)])][:n]
 

@@ -86,7 +86,7 @@ def each(project: Project) -> CalibrationResult:
     return calibrate(project, split=["springs.youngs_modulus"]).headline
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_modulus_is_found_from_a_start_twice_off(each: CalibrationResult, truth: dict[str, Any]) -> None:
     inside = 0
     for spring in SPRINGS:

@@ -47,7 +47,7 @@ def test_the_line_of_the_page_is_the_one_that_the_command_computes() -> None:
         assert numbers(got) == pytest.approx(numbers(kept), rel=0.05), kept
 
 
-@pytest.mark.slow  # the table of linear tets: fifteen seconds
+@pytest.mark.long  # the table of linear tets: fifteen seconds
 def test_the_table_of_linear_tets_answers_as_the_twin_does_where_they_lock() -> None:
     robot, table = table_one_fits.linear()
     told = pull(np.linspace(1e-3, 34e-3, 5))

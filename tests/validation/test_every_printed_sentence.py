@@ -837,7 +837,7 @@ TRUE = {"neck": (), "neck-bench": (2.07, 2.135), "beam": (263.8, 283.0), "manipu
 @pytest.mark.slow  # with the printed sentences above
 @pytest.mark.parametrize(
     "printed",
-    [pytest.param(name, marks=pytest.mark.long if name == "neck-bench" else ()) for name in TRUE],
+    [pytest.param(name, marks=pytest.mark.long if name in ("neck-bench", "manipulator") else ()) for name in TRUE],
     indirect=True,
 )
 def test_the_readme_of_an_example_quotes_it(printed: Printed):

@@ -104,7 +104,7 @@ def finger(models: Path, kind: str, size: float) -> Robot:
 
 
 @needs_gmsh
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kind",
     [pytest.param(kind, marks=() if kind == "in the wall" else pytest.mark.long) for kind in BEGINS],

@@ -150,7 +150,7 @@ def test_random_targets_are_reached_or_refused_with_a_reason(case: Case) -> None
     assert sum(step.outcome == "reached" for step in steps) >= 11
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["neck, 1 cable", pytest.param("neck, 3 cables by shortening", marks=pytest.mark.long)]
 )

@@ -70,7 +70,15 @@ def methods_on_the_neck() -> list[list[str]]:
             most = max(apart, key=lambda label: apart[label])
             name = f"{by}, over {over}" if over else by
             trajectories = str(int(found.facts["trajectories"]))
-            rows.append([name, trajectories, f"{seconds:.0f} s", f"{modulus:.0%}", f"{apart[most]:.0%} (`{most}`)"])
+            rows.append(
+                [
+                    name,
+                    trajectories,
+                    f"{seconds:.0f} s",
+                    f"{100 * modulus:.0f} %",
+                    f"{100 * apart[most]:.0f} % (`{most}`)",
+                ]
+            )
             print(rows[-1], flush=True)
     return rows
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from project_case import write_project
 
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Channel, Dataset, Step
@@ -20,6 +22,7 @@ from softcal.experiments.steps.noise import estimate_noise, set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.steps.sampling import resample, window
 from softcal.experiments.steps.slack import find_slack, remove_slack
+from softcal.project.project import load
 
 UNITS = {"time": "s", "shortening": "m", "tension": "N", "pitch": "rad"}
 
@@ -242,6 +245,25 @@ def test_every_preparation_is_described() -> None:
 def test_every_step_stands_in_the_docs() -> None:
     page = (Path(__file__).parents[2] / "docs" / "bench-data.md").read_text(encoding="utf-8")
     assert [name for name in STEPS if f"`{name}`" not in page] == []
+
+
+def test_the_pull_of_the_docs_is_read(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "bench-data.md").read_text(encoding="utf-8")
+    block = page[page.index("    experiments:\n      pull1:") : page.index("A unit that the table states")]
+    section = textwrap.dedent(block).replace(
+        "parameters:\n", "parameters:\n  bar.youngs_modulus: {bounds: [0.1 MPa, 40 MPa]}\n"
+    )
+    path = write_project(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    head, tail = text[: text.index("experiments:")], text[text.index("calibration:") :]
+    path.write_text(head + section + tail, encoding="utf-8")
+    rows = [f"{k};{0.5 * k:.1f};{12.5 + 0.1 * k:.2f};{40.0 * k:.1f}".replace(".", ",") for k in range(60)]
+    lines = ["Protokoll;;;", "Nr;Zeit;Weg;Kraft", ";s;mm;gf", *rows, "Ende der Messung;;;"]
+    (tmp_path / "pull1.csv").write_text("\n".join(lines) + "\n", encoding="latin-1")
+    data = load(path).experiments["pull1"].dataset
+    assert data.n_samples == 60
+    np.testing.assert_allclose(data.values("shortening"), 1e-4 * np.arange(60), atol=1e-12)
+    np.testing.assert_allclose(data.values("tension"), 40.0 * 9.80665e-3 * np.arange(60), rtol=1e-9)
 
 
 def test_a_tension_that_falls_is_not_said_never_to_change() -> None:

@@ -91,8 +91,8 @@ def calibrate(  # noqa: PLR0913 (what is searched, where, and by whom)
             account = replace(account, n_solves=account.n_solves + seen.n_solves)
             result = conclusion(seen.best, found.trials, account, uncertain=seen.uncertain)
             if seen.unknown:
-                # Of another engine's twin it never is.
-                remark = Remark(seen.unknown, "warning" if part.simulate is None else "note")
+                own = part.simulate is None  # the twin of another engine has no finer mesh
+                remark = Remark(seen.unknown, "warning" if own else "note")
                 result = replace(result, notes=(*result.notes, remark))
         else:
             result = conclusion(found.best, found.trials, account)

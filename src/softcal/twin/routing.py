@@ -92,9 +92,10 @@ def off_bore(cable: Cable, meshes: Mapping[str, TetMesh]) -> dict[str, OffBore]:
             passage = _passage(mesh, start.at, end.at)
             own = [via for via in (start, end) if via.on == name]
             if len(own) == 2 or (own and j > i + 1):
-                bore = max(passage.bore, *(attach_point(mesh, via.at).bore for via in own))
-                beside = passage.in_material if bore < passage.in_material else 0.0
-                more = OffBore(guided=beside) if bore else OffBore(embedded=beside)
+                more, beside = OffBore(), passage.in_material
+                if beside:  # bores take long to find
+                    bore = max(passage.bore, *(attach_point(mesh, via.at).bore for via in own))
+                    more = OffBore(guided=beside * (bore < beside)) if bore else OffBore(embedded=beside)
             else:
                 more = OffBore(passage.in_material, passage.spacing * int(passage.in_bore.sum()))
             lengths_of[name] = OffBore(*(a + b for a, b in zip(lengths_of.get(name, OffBore()), more, strict=True)))

@@ -42,7 +42,7 @@ def hold(path: Path, *, wait: bool = False, opener: Callable[[str, int], int] | 
 
 
 def hold_in(path: Path, what: str, other: str) -> BinaryIO:
-    """See `hold`; of a file that stands for its folder.
+    """The lock of a folder, by a file in it: see `hold`.
 
     Parameters
     ----------

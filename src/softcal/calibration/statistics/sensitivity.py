@@ -244,12 +244,11 @@ def local_statistics(
 
 
 def moving_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half: Floats) -> list[dict[str, float]]:
-    """Of each parameter: name of an instrument's error, on which nothing is stated -> its size [SI] that moves the
-    estimate by half its interval. Of each instrument the one that is smallest over what it reads.
+    """For each parameter: name of a systematic error on which nothing is stated -> its size [SI] that moves the
+    estimate by half its interval; for each instrument the error that is smallest over its largest reading.
 
-    By how much an error would move the minimum is known from the derivatives: -A^-1 J^T W c for the change c of the
-    residuals, as of an uncertain parameter (`problem/uncertain.py`). A parameter at a bound stays there. No residual
-    shows an error of one sign in all samples, nor most of what a machine yields under the tension.
+    An error moves the minimum by -A^-1 J^T W c for the change c of the residuals, as an uncertain parameter does
+    (`problem/uncertain.py`). A parameter at a bound stays there.
 
     Parameters
     ----------

@@ -128,6 +128,15 @@ def test_an_unknown_backend_of_matplotlib_does_not_matter():
     assert done.returncode == 0, done.stderr
 
 
+def test_numpy_has_one_thread_beside_the_solvers_unless_the_user_sets_more():
+    code = "from softcal.cli import main\ntry: main(['--version'])\nexcept SystemExit: pass\nimport os, numpy\n"
+    code += "print(os.environ['OPENBLAS_NUM_THREADS'])"
+    without = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    for env, n_threads in ((without, "1"), ({**without, "OPENBLAS_NUM_THREADS": "2"}, "2")):
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=env)
+        assert done.stdout.split()[-1] == n_threads, done.stderr
+
+
 @pytest.mark.slow
 def test_members_are_registered_where_python_drops_docstrings():
     told = """

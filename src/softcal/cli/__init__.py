@@ -13,6 +13,8 @@ def main(argv: list[str] | None = None) -> None:
     0 success; 1 failure; 2 invalid input; 128 plus the signal's number: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP.
     """
     os.environ["MPLBACKEND"] = "agg"  # charts are drawn into files, whatever the user's own programs draw on
+    # Before NumPy is imported: its threads wait for work on the cores that MKL's need, and have little of their own.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with stop_signals_raised(), stoppable() as stop, any_terminal():
         try:
             app(args=argv)

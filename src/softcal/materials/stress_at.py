@@ -152,7 +152,7 @@ def volumetric(law: CompiledLaw, J: Floats, modulus: float) -> Volumetric:
     modulus
         The modulus [Pa].
     """
-    g, dg, ddg = stacked(law.strain(J), len(J))
+    g, dg, ddg = law.strain(J)
     return Volumetric(modulus * g * dg, modulus * (dg**2 + g * ddg))
 
 

@@ -161,18 +161,18 @@ class CableTerm(ActuatorTerm):
 
     def drives(self, given: Given, which: Ints, size: int, transmission: Tensions | None) -> Drives:
         """The borders of some cables: d gradient / d tension, less d shortening / d the unknowns and / d tension."""
+        number = np.zeros(self.n_cables, dtype=np.int64)
+        number[which] = np.arange(len(which))
+        ends = number.copy()
+        ends[which] += 1
         if transmission is None:
-            shape, pulled = self._at(given).shape, (self.cable == which[:, None]).astype(np.float64)
-            columns = np.stack([self.segments.gradient(shape, weights, size) for weights in pulled], axis=1)
+            columns = self._columns(self._at(given).shape.slopes[self.order][:, :, None], number, ends)
             return Drives(columns, columns, np.zeros(len(which)))
         along, slopes = transmission, transmission.course.slopes
         by_tension = along.factor + along.by_rho * along.by_pull
         rows = slopes
         if along.softness.any():
             rows = slopes - along.by_shape((along.softness * along.by_rho)[:, None])[:, :, 0]
-        number = np.zeros(self.n_cables, dtype=np.int64)
-        number[which] = np.arange(len(which))
-        ends = number + np.isin(np.arange(self.n_cables), which)
         softness = along.per_cable(along.softness * by_tension) + along.lines.compliance
         return Drives(
             self._columns((by_tension[:, None] * slopes)[:, :, None], number, ends),
@@ -209,13 +209,17 @@ class CableTerm(ActuatorTerm):
         """Columns first:end (n_cables,) for each cable: gradients of functions with these slopes (n_segments, 3, k) by
         the segments' vectors.
         """
-        of_cable = 3 * np.diff(self._ptr)
         weights = np.ascontiguousarray(by_vector).reshape(-1, by_vector.shape[2])
-        return BlockColumns(*self._basis, weights, np.repeat(first, of_cable), np.repeat(end, of_cable))
+        return BlockColumns(*self._basis, weights, first[self._of_basis], end[self._of_basis])
 
     @cached_property
     def _basis(self) -> tuple[Ints, Ints, Floats]:
         return self.segments.basis(self.order)
+
+    @cached_property
+    def _of_basis(self) -> Ints:
+        """The cable of each basis column."""
+        return np.repeat(np.arange(self.n_cables), 3 * np.diff(self._ptr))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         if into.keys().isdisjoint(self.parameters):

@@ -67,6 +67,9 @@ def factorisation(indptr: Ints, indices: Ints, *, single: bool = False) -> Facto
     return SuperLU(indptr, indices)
 
 
+_ZERO, _ONE, _TYPE = ctypes.c_int32(0), ctypes.c_int32(1), ctypes.c_int32(-2)  # the type: symmetric indefinite
+
+
 class _Handle(NamedTuple):
     """PARDISO's state between calls: its own memory, its options, the pattern counted from one."""
 
@@ -155,16 +158,12 @@ def _release(handle: _Handle) -> None:
 def _pardiso(handle: _Handle, phase: int, data: np.ndarray, b: np.ndarray, x: np.ndarray) -> int:
     """One call of MKL's pardiso; its error number."""
     n_rhs = 1 if b.ndim == 1 else b.shape[1]
-    error = ctypes.c_int32(0)
-    maxfct, mnum, mtype, phase_c, n, nrhs, msglvl = (
-        ctypes.c_int32(value) for value in (1, 1, -2, phase, len(handle.indptr) - 1, n_rhs, 0)
-    )
-    permutation = ctypes.c_int32(0)  # not read: the order is PARDISO's own
     memory, options, indptr, indices = handle.pointers
-    by = ctypes.byref
+    by, int32, error = ctypes.byref, ctypes.c_int32, ctypes.c_int32(0)
+    # The permutation, a zero, is not read: the order is PARDISO's own.
     _mkl_pardiso()(
-        memory, by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data), indptr, indices, by(permutation),
-        by(nrhs), options, by(msglvl), _pointer(b), _pointer(x), by(error),
+        memory, by(_ONE), by(_ONE), by(_TYPE), by(int32(phase)), by(int32(len(handle.indptr) - 1)), _pointer(data),
+        indptr, indices, by(_ZERO), by(int32(n_rhs)), options, by(_ZERO), _pointer(b), _pointer(x), by(error),
     )  # fmt: skip
     return int(error.value)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.term import Given, Sum, Term, Theta
+from softcal.mechanics.term import ByTheta, Given, Sum, Term, Theta
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,12 @@ class Loads(Term):
     def parameters(self) -> tuple[str, ...]:
         return tuple(self.per_unit)
 
-    def total(self, theta: Theta) -> Floats:
-        """Force on every point (n_points, 3) [N]."""
+    @cached_property
+    def total(self) -> ByTheta[Floats]:
+        """Force on every point (n_points, 3) [N] by the parameters' values."""
+        return ByTheta(self._total)
+
+    def _total(self, theta: Theta) -> Floats:
         force = self.constant.copy()
         for name, unit in self.per_unit.items():
             force += theta[name] * unit

@@ -147,15 +147,10 @@ class Segments:
 
     def shape(self, x: Floats) -> SegmentShape:
         """Vectors and lengths at positions x, and how these change."""
-        v = self.vectors(x)
-        apart = np.linalg.norm(v, axis=1)
-        least = np.maximum(apart, self.met)
-        square = (apart / least) ** 2
-        # A length has the gradient `first` v and the second derivative `first` I - `second` v v^T.
-        squares = (v * v).sum(axis=1)
-        m = np.maximum(np.sqrt(squares), self.met)
-        first, second = (1.5 - 0.5 * squares / m**2) / m, 1.0 / m**3
-        return SegmentShape(v, least * (3.0 + square * (6.0 - square)) / 8.0, first[:, None] * v, first, second)
+        n = len(self)
+        shape = SegmentShape(np.zeros((n, 3)), np.empty(n), np.empty((n, 3)), np.empty(n), np.empty(n))
+        _shape(x, self.ptr, self.support, self.sigma, self.met, *shape)
+        return shape
 
     def lengths_by(self, motion: EndMotion, x: Floats, shape: SegmentShape) -> Floats:
         """d length / d parameter of a motion of the segments' ends (n_segments,).
@@ -267,6 +262,33 @@ def _spread(into: Floats, at: Ints, weights: Floats, vectors: Floats) -> None:
     for n in range(len(at)):
         for i in range(3):
             into[at[n], i] += weights[n] * vectors[n, i]
+
+
+@kernel(error_model="numpy")
+def _shape(
+    x: Floats,
+    ptr: Ints,
+    support: Ints,
+    sigma: Floats,
+    met: Floats,
+    v: Floats,
+    lengths: Floats,
+    slopes: Floats,
+    first: Floats,
+    second: Floats,
+) -> None:
+    """Write a `SegmentShape`."""
+    for k in range(len(met)):
+        for s in range(ptr[k], ptr[k + 1]):
+            for i in range(3):
+                v[k, i] += sigma[s] * x[support[s], i]
+        square = v[k, 0] ** 2 + v[k, 1] ** 2 + v[k, 2] ** 2
+        least = max(np.sqrt(square), met[k])
+        part = square / least**2
+        lengths[k] = least * (3.0 + part * (6.0 - part)) / 8.0
+        first[k], second[k] = (1.5 - 0.5 * part) / least, 1.0 / least**3
+        for i in range(3):
+            slopes[k, i] = first[k] * v[k, i]
 
 
 @kernel(error_model="numpy")

@@ -209,7 +209,10 @@ class SolidTerm(Term):
         """The part of the displacements of a simple law, of which S and D need not be worked out."""
         F, I1, I2, J = given.known
         rows = self.compiled.rows(I1.ravel(), I2.ravel(), J.ravel(), *self._theta(given.theta))
-        coefficients = stacked([rows[0], rows[2] + volume.slopes.by_J, rows[-1] + volume.slopes.by_JJ], J.size)
+        coefficients = np.empty((3, J.size))
+        coefficients[0] = rows[0]
+        np.add(rows[2], volume.slopes.by_J, out=coefficients[1])
+        np.add(rows[-1], volume.slopes.by_JJ, out=coefficients[2])
         displacement = self.places.displacement
         if data is None:
             solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, coefficients)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.memory import Memory
@@ -65,8 +65,7 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
         The step (n_unknowns,).
     """
     x = state.x.copy()
-    free = layout.free_points
-    x[free] += dz[: 3 * len(free)].reshape(-1, 3)
+    _move_points(x, layout.free_points, dz)
     position, rotation = state.position.copy(), state.rotation.copy()
     _move_frames(position, rotation, dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6))
     layout.links.place(x, position, rotation)
@@ -122,6 +121,13 @@ def exponential(omega: Floats) -> Floats:
     rotation = np.broadcast_to(np.eye(3), (len(omega), 3, 3)).copy()
     _move_frames(np.zeros((len(omega), 3)), rotation, np.concatenate([np.zeros_like(omega), omega], axis=1))
     return rotation
+
+
+@kernel(error_model="numpy")
+def _move_points(x: Floats, free: Ints, step: Floats) -> None:
+    for k in range(len(free)):
+        for i in range(3):
+            x[free[k], i] += step[3 * k + i]
 
 
 @kernel(error_model="numpy")

@@ -11,6 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.kernel import kernel
 from softcal.mechanics.bordered import EXACT, BorderedTangent
 from softcal.mechanics.kept_nodes import KeptNode, KeptNodes
 from softcal.mechanics.path_limits import PathLimits
@@ -169,15 +170,8 @@ class Statics:
     def measured(self, reduced: Floats, force: float) -> float:
         """The norm of a gradient (n_unknowns,), forces over `force` [N]."""
         layout = self.system.layout
-        frames = reduced[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
-        parts = (
-            reduced[: layout.first_frame_unknown] / force,
-            frames[:, :3].ravel() / force,
-            frames[:, 3:].ravel() / (force * self.length),
-            reduced[layout.first_pressure_unknown : layout.first_effort_unknown] / self._volume,
-            reduced[layout.first_effort_unknown :] / self._coordinates,
-        )
-        return float(np.sqrt(max(part @ part for part in parts)))
+        firsts = (layout.first_frame_unknown, layout.first_pressure_unknown, layout.first_effort_unknown)
+        return _norm(reduced, *firsts, force, self.length, self._volume, self._coordinates)
 
     def force_scale(self, at: Linearisation) -> float:
         """The scale [N] of residual forces."""
@@ -239,7 +233,8 @@ class Statics:
         """Forces due to the rounding of the positions [N]."""
         if at.data is None:
             return 0.0
-        return ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
+        diagonal = at.data.take(self._diagonal)
+        return ROUNDING * self._farthest * float(np.sqrt(diagonal @ diagonal))
 
     def exclude(self, modes: Floats) -> None:
         """Exclude modes (n_unknowns - n_actuators, k) from solutions dz of the factorised tangent: modes^T dz = 0.
@@ -444,3 +439,33 @@ class Statics:
         turn = float(np.abs(frames[:, 3:]).max(initial=0.0))
         move = float(np.abs(dz[: layout.first_frame_unknown]).max(initial=0.0)) / self.length
         return min(1.0, TURN_PER_STEP / max(turn, 1e-300), MOVE_PER_STEP / max(move, 1e-300))
+
+
+@kernel(error_model="numpy")
+def _norm(
+    reduced: Floats,
+    frames: int,
+    pressures: int,
+    efforts: int,
+    force: float,
+    length: float,
+    volume: float,
+    coordinates: Floats,
+) -> float:
+    """The largest of the norms of a gradient (n_unknowns,) on points, on the frames' positions and rotations, on
+    pressures, and on efforts, each over its scale; frames, pressures, efforts: the first unknown of each.
+    """
+    points = moves = turns = volumes = paths = 0.0
+    for k in range(frames):
+        points += (reduced[k] / force) ** 2
+    for k in range(frames, pressures, 6):
+        for i in range(3):
+            moves += (reduced[k + i] / force) ** 2
+            turns += (reduced[k + 3 + i] / (force * length)) ** 2
+    for k in range(pressures, efforts):
+        volumes += (reduced[k] / volume) ** 2
+    for k in range(len(coordinates)):
+        paths += (reduced[efforts + k] / coordinates[k]) ** 2
+    if np.isnan(points + moves + turns + volumes + paths):  # which `max` passes over
+        return np.nan
+    return np.sqrt(max(points, moves, turns, volumes, paths))

@@ -133,16 +133,21 @@ class System:
         except SimulationError as error:
             return Linearisation(controls, known, str(error))
         forces = float(np.sqrt(np.vdot(total.points, total.points) + total.squares))
-        at = Linearisation(controls, known, "", total.full, self._on_unknowns(state, total), forces)
+        gradients = (total.full, self._on_unknowns(state, total), forces)
         if total.data is None:
-            return at
+            return Linearisation(controls, known, "", *gradients)
         self.motion.reduce_tangent(state, total.gradient, total.data)
-        data = total.data[: self.pattern.nnz]
-        at = replace(at, data=data, border=self._border(state, total), is_convex=convex)
-        if not total.outside:
-            return at
-        touch = self._outside(state, total.outside)
-        return replace(at, touch=touch, near=lambda: self._outside(state, [of() for of in total.near]))
+        return Linearisation(
+            controls,
+            known,
+            "",
+            *gradients,
+            data=total.data[: self.pattern.nnz],
+            border=self._border(state, total),
+            touch=self._outside(state, total.outside) if total.outside else None,
+            near=lambda: self._outside(state, [of() for of in total.near]),
+            is_convex=convex,
+        )
 
     def _outside(self, state: State, parts: Sequence[tuple[Floats, Ints, Ints]]) -> Any:
         """A sparse upper triangle on the unknowns by blocks outside the pattern, see `Sum`."""
@@ -509,11 +514,10 @@ class System:
         if not total.driven and not total.low_rank and not total.rank_one_own:
             return NO_BORDER
         driven = [self._driven(state, which, drives) for which, drives in total.driven]
-        products = [low_rank_product(self.motion, state, part) for part in total.low_rank]
-        products += [(column[:, None], row[:, None]) for column, row in total.rank_one_own]
-        none = np.zeros((self.layout.first_effort_unknown, 0))
-        columns = np.hstack([none, *(one.columns for one in driven), *(column for column, _ in products)])
-        rows = np.hstack([none, *(one.rows for one in driven), *(row for _, row in products)])
+        parts = [(one.columns, one.rows) for one in driven]
+        parts += [low_rank_product(self.motion, state, part) for part in total.low_rank]
+        parts += [(column[:, None], row[:, None]) for column, row in total.rank_one_own]
+        columns, rows = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
         own = np.concatenate([NO_BORDER.driven, *(one.driven for one in driven)])
         corner = np.concatenate([NOTHING, *(one.corner for _, one in total.driven)])
         corner = np.diag(np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))]))

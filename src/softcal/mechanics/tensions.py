@@ -98,7 +98,7 @@ class Lines:
     preload: Floats
     remembers: np.ndarray
 
-    @property
+    @cached_property
     def are_ideal(self) -> bool:
         """Whether no line has friction or stretch, and no machine gives way."""
         return not (self.mu.any() or self.softness.any() or self.compliance.any())

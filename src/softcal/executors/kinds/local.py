@@ -32,7 +32,8 @@ from softcal.executors.shared import ParcelFile, UnableError, packed
 from softcal.limits import LIMITS
 from softcal.processes import SAFE
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_NUMPY_ALONE = {"OPENBLAS_NUM_THREADS": "1"}  # its threads would wait for work on the cores that MKL's need
 _START = 300.0  # [s] that a process may take to start
 _LOOK = 1.0  # [s] between looks at whether a call takes too long
 _STARTS = 3  # a worker that ends so often before it can take a call will always do so
@@ -253,7 +254,7 @@ class _Process:
 @contextlib.contextmanager
 def _environment_of_workers(threads: int) -> Generator[None]:
     """Workers read these as they start, and when their libraries are loaded, so they must be set before."""
-    variables = {**SAFE, **dict.fromkeys(_THREAD_VARIABLES, str(threads))}
+    variables = {**SAFE, **_NUMPY_ALONE, **dict.fromkeys(_THREAD_VARIABLES, str(threads))}
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv  # pyright: ignore[reportAttributeAccessIssue]
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError

@@ -175,7 +175,8 @@ def build_motion(layout: Layout, pattern: Pattern) -> Motion:
     for i in range(3):
         for j in range(i, 3):
             diagonal[:, i, j] = pattern.entry(omega + i, omega + j)
-    return Motion(layout, *(part.astype(np.uint32) for part in _folding(layout, pattern)), diagonal)
+    source, weight_a, weight_b, target = (part.astype(np.uint32) for part in _folding(layout, pattern))
+    return Motion(layout, source, weight_a, weight_b, target, diagonal)
 
 
 def low_rank_product(motion: Motion, state: State, part: LowRank) -> tuple[Floats, Floats]:

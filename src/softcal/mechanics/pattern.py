@@ -105,8 +105,8 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     parts = []
     for conn in connectivities:
         i, j = np.triu_indices(conn.shape[1])
-        parts.append(_ascending((conn[:, i] * n + conn[:, j]).ravel()))
-    keys = _ascending(np.concatenate([*parts, np.arange(n) * (n + 1)]))
+        parts.append(ascending((conn[:, i] * n + conn[:, j]).ravel()))
+    keys = ascending(np.concatenate([*parts, np.arange(n) * (n + 1)]))
     a, b = keys // n, keys % n
 
     # Entities of the reduced problem: free points, frames, scalars, in the order of their unknowns.
@@ -126,7 +126,7 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     moving = ((reduced[a] >= 0) | follows[a]) & ((reduced[b] >= 0) | follows[b])
     side = moving & (follows[a] | follows[b])
     direct = moving & ~side
-    red_keys = _ascending(
+    red_keys = ascending(
         np.concatenate(
             [
                 reduced[a[direct]] * n_red + reduced[b[direct]],
@@ -167,9 +167,9 @@ def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints)
     )
 
 
-def _ascending(keys: Ints) -> Ints:
+def ascending(keys: Ints) -> Ints:
     """The distinct keys, ascending; `np.unique` hashes them, which takes a hundred times as long."""
-    ordered = np.sort(keys)
+    ordered = np.sort(keys, kind="stable")  # four to twenty times as fast, of keys that ascend for the most part
     return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(keys) else ordered
 
 

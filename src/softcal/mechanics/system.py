@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -145,7 +145,7 @@ class System:
             data=total.data[: self.pattern.nnz],
             border=self._border(state, total),
             touch=self._outside(state, total.outside) if total.outside else None,
-            near=lambda: self._outside(state, [of() for of in total.near]),
+            near=cache(lambda: self._outside(state, [of() for of in total.near])),
             is_convex=convex,
         )
 

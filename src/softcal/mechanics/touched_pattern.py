@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.linear_solve import Factorisation, factorisation
-from softcal.mechanics.pattern import Triangle
+from softcal.mechanics.pattern import Triangle, ascending
 
 
 class TouchedPattern:
@@ -57,9 +57,7 @@ class TouchedPattern:
         new = self._keys[places] != keys
         if new.any():
             self._forget()
-            # By sorting: `np.unique` hashes whole numbers, which takes fifty times as long.
-            every = np.sort(np.concatenate([self._keys, keys, self._entries(near())[1]]))
-            self._keys = every[np.diff(every, prepend=-1) > 0]
+            self._keys = ascending(np.concatenate([self._keys, keys, self._entries(near())[1]]))
             self._own = np.searchsorted(self._keys, self._planned)
             places = np.searchsorted(self._keys, keys)
         whole = np.zeros(len(self._keys))

@@ -193,13 +193,14 @@ def test_what_reduces_noise_depends_on_whether_samples_are_alike() -> None:
     def at(*records: ResidualRecord) -> str:
         return second(noise, residuals={"a": {str(i): one for i, one in enumerate(records)}})
 
-    assert at(WHITE, WHITE).endswith("the noise of the measurements: more samples, or a better sensor, will reduce it.")
+    further = "will reduce it; softcal next-test ranks further tests."
+    assert at(WHITE, WHITE).endswith(f"the noise of the measurements: more samples, or a better sensor, {further}")
     # Of two samples it is not known whether both have the error of a misplaced marker.
     for few in ((), (replace(WHITE, n=2),), (WHITE, replace(WHITE, n=2))):
-        assert at(*few).endswith("measurements: more independent measurements, or better ones, will reduce it.")
+        assert at(*few).endswith(f"measurements: more independent measurements, or better ones, {further}")
     assert "it is correlated along the records, where a higher sampling rate will not reduce it" in at(ALIKE, ALIKE)
     # A law that is wrong in every test alike is in no further one less.
-    assert "further tests will, unless their residuals are the same" in at(ALIKE, ALIKE)
+    assert "further tests, which softcal next-test ranks, will, unless their residuals are the same" in at(ALIKE, ALIKE)
     assert "it is correlated along some of the records, where" in at(ALIKE, WHITE)
     assert "more samples, or" not in at(ALIKE, WHITE)
 

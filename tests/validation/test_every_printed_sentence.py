@@ -673,7 +673,7 @@ def largest_source(case: Case, _: list[str], told: Told) -> None:
 
 
 REMEDIES = {
-    "noise": "more independent measurements, or better ones, will reduce it",
+    "noise": "more independent measurements, or better ones, will reduce it; softcal next-test ranks further tests",
     "mesh": "softcal mesh-study shows whether a finer mesh reduces it",
     "bounds": "a measurement of ν, or narrower bounds, will reduce it",
 }

@@ -251,11 +251,12 @@ def _remedy(source: ErrorSource, study: MeshStudy | None, records: Sequence[Resi
     alike = [record.are_alike for record in records]
     if any(alike):
         along = "it is correlated along the records" if all(alike) else "it is correlated along some of the records"
-        further = "further tests will, unless their residuals are the same"
+        further = "further tests, which softcal next-test ranks, will, unless their residuals are the same"
         return f"{along}, where a higher sampling rate will not reduce it; {further}"
     # A few samples do not show whether they err alike, as all samples of a misplaced marker do.
     is_independent = all(record.n >= FEWEST for record in records)
-    return "more samples, or a better sensor, will reduce it" if is_independent else source.remedy
+    more = "more samples, or a better sensor, will reduce it; softcal next-test ranks further tests"
+    return more if is_independent else source.remedy
 
 
 def _unknown(of: FirstScreen) -> str:

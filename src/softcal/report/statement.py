@@ -47,7 +47,7 @@ SOURCES = (
         "noise",
         "the noise of the measurements",
         "noise",
-        "more independent measurements, or better ones, will reduce it",
+        "more independent measurements, or better ones, will reduce it; softcal next-test ranks further tests",
     ),
     ErrorSource(
         DRIFT,

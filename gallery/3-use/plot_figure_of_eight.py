@@ -3,7 +3,7 @@ A figure of eight, with its band
 ================================
 
 A printed neck with three cables, whose modulus comes from one noisy pull. Its
-[reduced model](../../exports.md#the-reduced-model) gives the tensions that lead the plate through a figure of eight of
+:doc:`reduced model </exports>` gives the tensions that lead the plate through a figure of eight of
 pitch and roll, and the 95 % band that the calibration leaves of every pose. The robot is the exact twin with the true
 modulus: it stays inside the band, which says how well the pose is held without a sensor.
 """

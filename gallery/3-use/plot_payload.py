@@ -3,7 +3,7 @@ A circle under an unknown payload
 =================================
 
 The tip of a manipulator with six cables is to follow a circle, and carries a mass that the controller does not know.
-A [reduced model](../../exports.md#the-reduced-model) with the payload as an input gives the tensions, and an extended
+A :doc:`reduced model </exports>` with the payload as an input gives the tensions, and an extended
 Kalman filter on the same model takes the payload from markers, measured with noise of 0.2 mm. The robot is the exact
 twin, with 60 g more than its model.
 """

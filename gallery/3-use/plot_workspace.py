@@ -3,7 +3,7 @@ Where a manipulator reaches, and how stiff it is there
 ======================================================
 
 Three cables pull the manipulator with 6 N at most. Where can its tip be, what ends it there, how does it yield to a
-push, and what does a wall take away? The [workspace](../../workspace.md) answers with equilibria of the exact twin:
+push, and what does a wall take away? The :doc:`workspace </workspace>` answers with equilibria of the exact twin:
 inside, and at every point of the border.
 """
 

@@ -60,6 +60,16 @@ def test_the_versions_that_are_tested_are_those_that_the_project_takes() -> None
     assert {one.partition("-")[0] for one in matrix["os"]} == {"ubuntu", "macos", "windows"}
 
 
+def test_linux_on_arm_gets_every_extra_but_the_mesher() -> None:
+    (line,) = [
+        step["run"]
+        for step in read(ROOT / ".github/workflows/tests.yml")["jobs"]["others"]["steps"]
+        if "--editable" in step.get("run", "")
+    ]
+    (on_arm,) = re.findall(r"ubuntu-24\.04-arm' && '([a-z,]+)' \|\| 'all'", line)
+    assert {"mesh", *on_arm.split(",")} == PROJECT["optional-dependencies"].keys() - {"all"}
+
+
 def test_the_classifiers_are_the_versions_and_systems_of_the_workflow() -> None:
     of_runner = {"ubuntu": "POSIX :: Linux", "macos": "MacOS", "windows": "Microsoft :: Windows"}
     matrix = read(ROOT / ".github/workflows/tests.yml")["jobs"]["others"]["strategy"]["matrix"]

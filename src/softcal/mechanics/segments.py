@@ -149,7 +149,7 @@ class Segments:
         """Vectors and lengths at positions x, and how these change."""
         n = len(self)
         shape = SegmentShape(np.zeros((n, 3)), np.empty(n), np.empty((n, 3)), np.empty(n), np.empty(n))
-        _shape(x, self.ptr, self.support, self.sigma, self.met, *shape)
+        _shape(np.ascontiguousarray(x), self.ptr, self.support, self.sigma, self.met, *shape)
         return shape
 
     def lengths_by(self, motion: EndMotion, x: Floats, shape: SegmentShape) -> Floats:

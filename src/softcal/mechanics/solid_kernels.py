@@ -277,7 +277,9 @@ def add_both_linear(
         by_F, by_cof = 2.0 * coefficients[0, e] * w[e, 0], coefficients[1, e] * w[e, 0]
         turn = by_cof / J[e, 0]
         t = coefficients[2, e] * w[e, 0] + turn
-        g0, g1, g2, g3 = _row(dN, e, 0), _row(dN, e, 1), _row(dN, e, 2), _row(dN, e, 3)
+        g = dN[e, 0]
+        g0, g1 = (g[0, 0], g[0, 1], g[0, 2]), (g[1, 0], g[1, 1], g[1, 2])
+        g2, g3 = (g[2, 0], g[2, 1], g[2, 2]), (g[3, 0], g[3, 1], g[3, 2])
         c0, c1, c2, c3 = _times(cof, g0), _times(cof, g1), _times(cof, g2), _times(cof, g3)
         _add_force(gradient, conn[e, 0], _times(f, g0), c0, by_F, by_cof)
         _add_force(gradient, conn[e, 1], _times(f, g1), c1, by_F, by_cof)
@@ -298,11 +300,6 @@ def add_both_linear(
 
 # Of numbers in the place of arrays, which may alias: the compiler keeps them in registers. Unsigned places cannot count
 # from the end. Both together make the loop over linear tets 1.8 times as fast.
-
-
-@kernel(error_model="numpy", fastmath=FAST)
-def _row(dN: Floats, e: int, a: int) -> Vector:
-    return dN[e, 0, a, 0], dN[e, 0, a, 1], dN[e, 0, a, 2]
 
 
 @kernel(error_model="numpy", fastmath=FAST)

@@ -65,7 +65,7 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
         The step (n_unknowns,).
     """
     x = state.x.copy()
-    _move_points(x, layout.free_points, dz)
+    _move_points(x, layout.free_points, np.ascontiguousarray(dz))
     position, rotation = state.position.copy(), state.rotation.copy()
     _move_frames(position, rotation, dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6))
     layout.links.place(x, position, rotation)

@@ -171,7 +171,7 @@ class Statics:
         """The norm of a gradient (n_unknowns,), forces over `force` [N]."""
         layout = self.system.layout
         firsts = (layout.first_frame_unknown, layout.first_pressure_unknown, layout.first_effort_unknown)
-        return _norm(reduced, *firsts, force, self.length, self._volume, self._coordinates)
+        return _norm(np.ascontiguousarray(reduced), *firsts, force, self.length, self._volume, self._coordinates)
 
     def force_scale(self, at: Linearisation) -> float:
         """The scale [N] of residual forces."""

@@ -53,7 +53,7 @@ SOURCES = (
         DRIFT,
         "drifts of the instruments, too small to be seen in their noise",
         "drift",
-        "a closer limit on them, such as the data sheet's under `uncertain:`, will reduce it",
+        "a closer limit on them, such as the data sheet's under uncertain:, will reduce it",
     ),
     ErrorSource(
         MISFIT,

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from softcal.materials.components import PAIRS
 from softcal.materials.flow import Flow
 from softcal.materials.inelastic import History, PointRates, Stressed
+from softcal.materials.isochoric import YEOH
 from softcal.materials.law import compile_law
 from softcal.materials.maxwell import Maxwell
 from softcal.materials.relaxation import Relaxation
 from softcal.materials.softening import Softening
 from softcal.materials.stress_at import Deformation, points
-from softcal.materials.yeoh import YEOH
 
 HISTORIES = {
     "relaxation": History((Relaxation(2),)),

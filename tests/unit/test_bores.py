@@ -28,7 +28,7 @@ from softcal.geometry.write import write_mesh
 from softcal.mechanics.attachment import attach_point
 from softcal.plugins.sofa.robot import scene_faults
 from softcal.project.project import load
-from softcal.twin.bores import bores
+from softcal.twin.routing import bores
 from softcal.workflows.checking import check
 
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")

@@ -70,12 +70,14 @@ def test_the_further_from_the_measurements_the_less_closely_a_curve_is_interpola
     """In a search: as closely as for any other use, within a fiftieth of the misfit, as in the first look."""
     asked = list[float | None]()
 
-    def simulate(*args: Any, curve_tolerance: float | None = None, shared: bool, **options: Any) -> Response:
-        assert shared
+    def simulate(
+        *args: Any, curve_tolerance: float | None = None, shared: bool, crossings: bool, **options: Any
+    ) -> Response:
+        assert (shared, crossings) == (True, False)
         asked.append(curve_tolerance)
         return fake_simulate(*args, **options)
 
-    monkeypatch.setattr("softcal.calibration.problem.problem._real_simulate", lambda: simulate)
+    monkeypatch.setattr("softcal.twin.simulate.simulate", simulate)
     problem = make_problem(fake_robot(), [fake_experiment("a")], (MODULUS, RATIO, SLACK))
     found = problem.evaluate({E: TRUE[E], NU: TRUE[NU], "front.slack[a]": slack}, jacobian=True)
     misfit = min(rms(b.residual) / np.abs(b.residual + b.measured).max() for b in found.blocks)
@@ -85,11 +87,13 @@ def test_the_further_from_the_measurements_the_less_closely_a_curve_is_interpola
 def test_a_prediction_of_zeros_is_far_from_the_measurements(monkeypatch: pytest.MonkeyPatch) -> None:
     """As of a cable that stays slack."""
 
-    def slack(*args: Any, curve_tolerance: float | None = None, shared: bool, **options: Any) -> Response:
+    def slack(
+        *args: Any, curve_tolerance: float | None = None, shared: bool, crossings: bool, **options: Any
+    ) -> Response:
         response = fake_simulate(*args, **options)
         return replace(response, channels={name: 0.0 * values for name, values in response.channels.items()})
 
-    monkeypatch.setattr("softcal.calibration.problem.problem._real_simulate", lambda: slack)
+    monkeypatch.setattr("softcal.twin.simulate.simulate", slack)
     problem = make_problem(fake_robot(), [fake_experiment("a")], (MODULUS, RATIO, SLACK))
     found = problem.evaluate({E: TRUE[E], NU: TRUE[NU], "front.slack[a]": 0.0}, jacobian=True)
     assert all(np.all(block.residual == -block.measured) for block in found.blocks)

@@ -16,7 +16,6 @@ from changed_trials import undigest
 from fleet_case import FILE, E, write_fleet
 from project_case import MODULUS
 
-from softcal.calibration.problem import problem
 from softcal.cli import main
 from softcal.errors import InputError, ProjectFileError, SimulationError, StorageError
 from softcal.executors.kinds.local import LocalExecutor
@@ -142,7 +141,7 @@ def test_a_specimen_that_fails_is_a_row_with_its_reason_and_begins_anew(
             raise SimulationError("The bar buckles.")
         return simulate(robot, protocol, *given, **more)
 
-    monkeypatch.setattr(problem, "_real_simulate", lambda: simulate_bar)
+    monkeypatch.setattr("softcal.twin.simulate.simulate", simulate_bar)
     folder = write_fleet(tmp_path / "own", FACTORS[:2], f"specimen,{FILE}\ns 1,p1.csv\ns 2,p2.csv\n")
     right = (folder / "p2.csv").read_text()
     header, *rows = right.splitlines()

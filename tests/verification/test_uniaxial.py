@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from softcal.materials.components import full
+from softcal.materials.isochoric import MOONEY_RIVLIN, YEOH
 from softcal.materials.law import Law, compile_law
-from softcal.materials.mooney_rivlin import MOONEY_RIVLIN
 from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 from softcal.materials.stress_at import points, whole_stress
-from softcal.materials.yeoh import YEOH
 
 STRETCHES = np.array([0.6, 0.9, 1.0, 1.3, 2.0, 3.5])
 

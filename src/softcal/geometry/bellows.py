@@ -128,7 +128,18 @@ class Bellows(Primitive):
         n_tets = 6 * self.sectors * self.rings * (self.folds * self.layers + 2 * self.rings)
         if fault := LIMITS["tets"].fault(n_tets, "bellows"):
             raise MeshError(fault)
-        patches = [self._wall(), *self._cap()]
+        # Nodes (r, z) [m] of quadratic elements: of the wall, along it and from inside to outside; of the cap, over the
+        # wall and over the opening between.
+        along, across = np.meshgrid(
+            np.linspace(0.0, 1.0, 2 * self.layers * self.folds + 1), np.linspace(-0.5, 0.5, 2 * self.rings + 1)
+        )
+        heights = self.folds * self.pitch + self.cap * np.linspace(0.0, 1.0, 2 * self.rings + 1)
+        outer = 0.5 * self.root_diameter
+        inner = outer - self.wall
+        n = max(1, round(inner / self.cap))
+        over = np.linspace(inner, outer, 2 * self.rings + 1), np.linspace(0.0, inner, 2 * n + 1)
+        cap = [np.stack(np.meshgrid(r, heights), axis=-1) for r in over]
+        patches = [self._in_wall(across.T, along.T), *cap]
         section, number = np.unique(
             np.round(np.concatenate([patch.reshape(-1, 2) for patch in patches]), ROUNDING), axis=0, return_inverse=True
         )
@@ -146,13 +157,6 @@ class Bellows(Primitive):
         }
         node_sets: dict[str, Ints] = {name: np.unique(rows) for name, rows in face_sets.items()}
         return of_order(TetMesh(mesh.points, mesh.tets, node_sets=node_sets, face_sets=face_sets), self.order)
-
-    def _wall(self) -> Floats:
-        """Nodes (r, z) of the wall's quadratic elements, along it and from inside to outside (n, m, 2) [m]."""
-        along, across = np.meshgrid(
-            np.linspace(0.0, 1.0, 2 * self.layers * self.folds + 1), np.linspace(-0.5, 0.5, 2 * self.rings + 1)
-        )
-        return self._in_wall(across.T, along.T)
 
     def _in_wall(self, across: Floats, along: Floats) -> Floats:
         """Places (..., 2) [m] by shares of the wall's thickness, from its middle, and of its length."""
@@ -174,16 +178,6 @@ class Bellows(Primitive):
         """Heights in a fold [m], and the length of the wall's middle up to them [m]."""
         fine = np.linspace(0.0, self.pitch, FINE + 1)
         return fine, np.append(0.0, np.cumsum(np.hypot(np.diff(fine), np.diff(self._middle(fine)[0]))))
-
-    def _cap(self) -> tuple[Floats, Floats]:
-        """Nodes of the cap over the wall and over the opening between, as those of the wall."""
-        z = self.folds * self.pitch + self.cap * np.linspace(0.0, 1.0, 2 * self.rings + 1)
-        outer = 0.5 * self.root_diameter
-        inner = outer - self.wall
-        n = max(1, round(inner / self.cap))
-        over = np.linspace(inner, outer, 2 * self.rings + 1), np.linspace(0.0, inner, 2 * n + 1)
-        first, second = (np.stack(np.meshgrid(r, z), axis=-1) for r in over)
-        return first, second
 
 
 def _triangles(shape: tuple[int, int]) -> Ints:

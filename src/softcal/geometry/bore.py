@@ -163,7 +163,10 @@ def _axis(triangles: Floats, point: Floats) -> tuple[Floats, float] | None:
 
     The axis is the direction most nearly normal to the normals of the visible walls.
     """
-    distance, hit = _first_hits(triangles, point, _sphere(PROBES))
+    # Evenly distributed rays: points on a golden-angle spiral.
+    z = 1.0 - (2.0 * np.arange(PROBES) + 1.0) / PROBES
+    angle, r = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(PROBES), np.sqrt(1.0 - z**2)
+    distance, hit = _first_hits(triangles, point, np.column_stack([r * np.cos(angle), r * np.sin(angle), z]))
     seen = hit >= 0
     if not seen.any():
         return None
@@ -220,11 +223,3 @@ def _hits(triangles: Floats, origin: Floats, rays: Floats) -> Floats:
         t = np.einsum("nj,nj->n", e2, q) / det
         meets = (u >= -EDGE) & (v >= -EDGE) & (u + v <= 1.0 + EDGE) & (t > 0.0)
     return np.where(meets, t, np.inf)
-
-
-def _sphere(n: int) -> Floats:
-    """Evenly distributed unit vectors (n, 3): points on a golden-angle spiral."""
-    z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
-    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
-    r = np.sqrt(1.0 - z**2)
-    return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])

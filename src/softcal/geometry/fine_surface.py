@@ -65,7 +65,16 @@ def fine_surface(faces: Ints, most: int | None = None) -> FineSurface:
         [at[n - i, i] for i in range(n + 1)],
         [at[0, n - i] for i in range(n + 1)],
     ]
-    _, first, own = np.unique(_keys(faces[:, :3], grid, n), return_index=True, return_inverse=True)
+    # A number of each point: the same in two faces where both have the point, on a corner or an edge.
+    keys = -1 - np.arange(len(faces) * len(grid), dtype=np.int64).reshape(len(faces), -1)
+    size = int(faces[:, :3].max(initial=0)) + 1
+    for place, shares in enumerate(grid.tolist()):
+        held = [k for k in range(3) if shares[k]]
+        if len(held) < 3:
+            a, b = faces[:, held[0]], faces[:, held[-1]]
+            share = np.where(a <= b, shares[held[0]], shares[held[-1]]) if len(held) == 2 else n
+            keys[:, place] = (np.minimum(a, b) * size + np.maximum(a, b)) * (n + 1) + share
+    _, first, own = np.unique(keys.ravel(), return_index=True, return_inverse=True)
     own = own.reshape(len(faces), len(grid))
     L = grid / n
     weights = L if faces.shape[1] == 3 else np.column_stack([L * (2 * L - 1), 4 * L * L[:, [1, 2, 0]]])
@@ -73,16 +82,3 @@ def fine_surface(faces: Ints, most: int | None = None) -> FineSurface:
     _, once = np.unique(np.sort(edges[:, [0, -1]], axis=1), axis=0, return_index=True)
     which, place = np.divmod(first, len(grid))
     return FineSurface(faces, own[:, flat].reshape(-1, 3), edges[once], faces[which], weights[place])
-
-
-def _keys(corners: Ints, grid: Ints, n: int) -> Ints:
-    """A number of each point (k * n_grid,): the same in two faces where both have the point, on a corner or an edge."""
-    size = int(corners.max(initial=0)) + 1
-    keys = -1 - np.arange(len(corners) * len(grid), dtype=np.int64).reshape(len(corners), -1)
-    for place, shares in enumerate(grid.tolist()):
-        held = [k for k in range(3) if shares[k]]
-        if len(held) < 3:
-            a, b = corners[:, held[0]], corners[:, held[-1]]
-            share = np.where(a <= b, shares[held[0]], shares[held[-1]]) if len(held) == 2 else n
-            keys[:, place] = (np.minimum(a, b) * size + np.maximum(a, b)) * (n + 1) + share
-    return keys.ravel()

@@ -205,28 +205,25 @@ def _read_raw(path: Path) -> Any:
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
+        if isinstance(error, DeckError):
+            reason = str(error)
+        elif isinstance(error, OSError) and error.strerror:
+            reason = error.strerror
+        elif not isinstance(error, SystemExit):
+            reason = next(words for kind, words in FOUND if isinstance(error, kind))
+        else:  # the last line that it printed
+            lines = [line.strip().rstrip(".") for line in said.getvalue().partition(SUMMARY)[0].splitlines()]
+            own = [line for line in lines if line.isprintable() and not NO_WORDS.fullmatch(line)]
+            reason = own[-1] if own else NO_FORMAT
         raise MeshError(
             Fault(
                 "the mesh file cannot be read",
                 where=str(path),
-                got=_reason(error, said.getvalue()),
+                got=reason,
                 allowed=f"a valid {path.suffix.lower()} file",
                 attempt="write it again with the program that made it",
             )
         ) from error
-
-
-def _reason(error: BaseException, said: str) -> str:
-    """Reason why meshio cannot read a file: its reader's message, the last line that it printed, or one of `FOUND`."""
-    if isinstance(error, DeckError):
-        return str(error)
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    if not isinstance(error, SystemExit):
-        return next(words for kind, words in FOUND if isinstance(error, kind))
-    lines = [line.strip().rstrip(".") for line in said.partition(SUMMARY)[0].splitlines()]
-    own = [line for line in lines if line.isprintable() and not NO_WORDS.fullmatch(line)]
-    return own[-1] if own else NO_FORMAT
 
 
 def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:

@@ -34,7 +34,20 @@ def write_mesh(mesh: TetMesh, path: str | Path) -> Path:
         raise MeshError(
             Fault("a mesh cannot be written like this", where=str(path), got=f"'{suffix}'", allowed=", ".join(SUFFIXES))
         )
-    raw = _to_msh(mesh, path) if suffix == ".msh" else _to_vtu(mesh)
+    if suffix == ".msh":
+        raw = _to_msh(mesh, path)
+    else:
+        cells: list[tuple[str, Ints]] = [(mesh.cell.meshio, mesh.tets)]
+        point_data = {f"node set {name}": _flags(mesh.n_points, nodes) for name, nodes in mesh.node_sets.items()}
+        cell_data = {f"element set {name}": [_flags(mesh.n_tets, own)] for name, own in mesh.element_sets.items()}
+        for name, faces in mesh.face_sets.items():
+            for flags in cell_data.values():
+                flags.append(np.zeros(len(faces), dtype=np.int8))
+            before = [np.zeros(len(nodes), dtype=np.int8) for _, nodes in cells]
+            cell_data[f"face set {name}"] = [*before, np.ones(len(faces), dtype=np.int8)]
+            cells.append((mesh.cell.meshio_face, faces))
+        meshio: Any = import_module("meshio")
+        raw = meshio.Mesh(mesh.points, cells, point_data=point_data, cell_data=cell_data)
     unfinished = path.with_name(f".{path.stem}.unfinished{suffix}")
     try:
         if suffix == ".msh":
@@ -89,20 +102,6 @@ def _to_msh(mesh: TetMesh, path: Path) -> Any:
     add(mesh.cell.meshio, mesh.tets, number)
     data = {"gmsh:physical": tags, "gmsh:geometrical": [np.ones_like(numbers) for numbers in tags]}
     return meshio.Mesh(mesh.points, cells, cell_data=data, field_data=names)
-
-
-def _to_vtu(mesh: TetMesh) -> Any:
-    meshio: Any = import_module("meshio")
-    cells: list[tuple[str, Ints]] = [(mesh.cell.meshio, mesh.tets)]
-    point_data = {f"node set {name}": _flags(mesh.n_points, nodes) for name, nodes in mesh.node_sets.items()}
-    cell_data = {f"element set {name}": [_flags(mesh.n_tets, elements)] for name, elements in mesh.element_sets.items()}
-    for name, faces in mesh.face_sets.items():
-        for flags in cell_data.values():
-            flags.append(np.zeros(len(faces), dtype=np.int8))
-        before = [np.zeros(len(nodes), dtype=np.int8) for _, nodes in cells]
-        cell_data[f"face set {name}"] = [*before, np.ones(len(faces), dtype=np.int8)]
-        cells.append((mesh.cell.meshio_face, faces))
-    return meshio.Mesh(mesh.points, cells, point_data=point_data, cell_data=cell_data)
 
 
 def _flags(n: int, chosen: Ints) -> np.ndarray[Any, np.dtype[np.int8]]:

@@ -11,20 +11,30 @@ from typing import Annotated
 from softcal.catalogue import Catalogue
 from softcal.declare import member_of
 from softcal.errors import Fault
-from softcal.materials.arruda_boyce import ARRUDA_BOYCE
 from softcal.materials.expression import FUNCTIONS, Measure, measured
-from softcal.materials.gent import GENT
 from softcal.materials.histories import history_constants
+from softcal.materials.isochoric import (
+    ARRUDA_BOYCE,
+    GENT,
+    MOONEY_RIVLIN,
+    MOONEY_RIVLIN_3,
+    MOONEY_RIVLIN_5,
+    OGDEN,
+    SOFA_ARRUDA_BOYCE,
+    SOFA_MOONEY_RIVLIN,
+    SOFA_OGDEN,
+    YEOH,
+)
 from softcal.materials.law import AT_REST, STRETCHES, Law
-from softcal.materials.layered import NEO_HOOKE_FIBRES, NEO_HOOKE_LAYERED
-from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOONEY_RIVLIN_5
-from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
-from softcal.materials.ogden import OGDEN
+from softcal.materials.neo_hooke import (
+    NEO_HOOKE,
+    NEO_HOOKE_FIBRES,
+    NEO_HOOKE_ISOCHORIC,
+    NEO_HOOKE_LAYERED,
+    STABLE_NEO_HOOKE,
+)
 from softcal.materials.parameter import Parameter
-from softcal.materials.sofa import SOFA_ARRUDA_BOYCE, SOFA_MOONEY_RIVLIN, SOFA_OGDEN
-from softcal.materials.stable_neo_hooke import STABLE_NEO_HOOKE
 from softcal.materials.stvenant_kirchhoff import STVENANT_KIRCHHOFF
-from softcal.materials.yeoh import YEOH
 
 # The other keys of a body in a project file: reserved names.
 TAKEN = (

@@ -91,7 +91,9 @@ class Flow(Inelastic):
         values, changes = constants
         mu, form = values[MODULUS], _form(at)
         (set_before, before), (set_rate, before_rate) = ((one[:, :6], one[:, 6:]) for one in memory)
-        (first, last), (first_rate, last_rate) = _decays(elapsed, values), _decay_rates(elapsed, values, changes)
+        first, last = _decays(elapsed, values)
+        de, da = factor_rates(*_time(elapsed, values), stacked(changes, [TIME]))
+        first_rate, last_rate = ((de - first * da) / last if last > 0.0 else de)[..., 0], da[..., 0]
         begun = _returned(before - set_before, form, first, values)
         begun_rate = _returned_rates(begun, before_rate - set_rate, form, first_rate, constants)
         one = _returned(at.E - before + begun.remains, form, last, values)
@@ -193,12 +195,6 @@ def _decays(elapsed: float, constants: Constants) -> tuple[float, float]:
     """e/a and a: what is left of the rest before the strain changes, and after; nothing where there is no time."""
     e, a = factors(*_time(elapsed, constants))
     return (float(e[0] / a[0]), float(a[0])) if a[0] > 0.0 else (0.0, 0.0)
-
-
-def _decay_rates(elapsed: float, constants: Constants, changes: Constants) -> tuple[Floats, Floats]:
-    first, last = _decays(elapsed, constants)
-    de, da = factor_rates(*_time(elapsed, constants), stacked(changes, [TIME]))
-    return ((de - first * da) / last if last > 0.0 else de)[..., 0], da[..., 0]
 
 
 def _time(elapsed: float, constants: Constants) -> tuple[float, Floats]:

@@ -227,7 +227,11 @@ def compile_law(law: Law) -> CompiledLaw:
     if source is None:
         with limited(f"law {law.name}, distortional"):
             source = law_source(law)
-    functions = {name: _function(text) for name, text in source.items()}
+    functions: dict[str, Callable[..., Any]] = {}  # of NumPy's arrays
+    for name, text in source.items():
+        scope = dict(vars(np))
+        exec(text, scope)
+        functions[name] = scope[SOURCE_NAME]
     is_simple = functions.pop("is_simple")()
     return CompiledLaw(parameters=law.names, variables=law.variables, is_simple=is_simple, **functions)
 
@@ -246,13 +250,6 @@ def fingerprint(law: Law) -> str:
     symbols = [parameter.symbol for parameter in law.parameters]
     texts = (symbols, list(law.symbols.items()), law.distortional, law.volumetric_strain, law.bulk, law.shifted)
     return hashlib.sha256(repr(texts).encode()).hexdigest()[:32]
-
-
-def _function(source: str) -> Callable[..., Any]:
-    """A function of NumPy's arrays by its source."""
-    scope = dict(vars(np))
-    exec(source, scope)
-    return scope[SOURCE_NAME]
 
 
 SOURCE_NAME = "_lambdifygenerated"  # SymPy's, of a function that it makes

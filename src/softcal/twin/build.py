@@ -427,23 +427,20 @@ class _Numbering:
         own = select_faces(mesh, Named(faces), where=where) if isinstance(faces, str) else faces
         found = faces_in_use(mesh, self.meshes[body], own, where=where)
         if is_wall:
-            self._check_wall(body, found, where)
+            used = self.meshes[body]
+            keys, surface = (face_keys(one, used.n_points) for one in (found, boundary_faces(used)))
+            allowed = "faces of the body's surface, each once, and of no other wall"
+            if not len(keys):
+                raise MeshError(Fault("the wall has no face", where, allowed=allowed))
+            others = ((other, np.isin(keys, of)) for other, (on, of) in self.walls.items() if on == body)
+            once = np.isin(np.arange(len(keys)), np.unique(keys, return_index=True)[1])
+            wrong = {"inside the body": ~np.isin(keys, surface), "duplicated": ~once}
+            for what, which in [*wrong.items(), *((f"of {other}, too", which) for other, which in others)]:
+                if which.any():
+                    got = f"{np.count_nonzero(which)} of {len(keys)} faces are {what}"
+                    raise MeshError(Fault("this is no wall of a chamber of its own", where, got, allowed))
+            self.walls[where] = body, keys
         return found + self.builder.first[body]
-
-    def _check_wall(self, body: str, faces: Ints, where: str) -> None:
-        mesh = self.meshes[body]
-        keys, surface = (face_keys(one, mesh.n_points) for one in (faces, boundary_faces(mesh)))
-        allowed = "faces of the body's surface, each once, and of no other wall"
-        if not len(keys):
-            raise MeshError(Fault("the wall has no face", where, allowed=allowed))
-        others = ((other, np.isin(keys, of)) for other, (on, of) in self.walls.items() if on == body)
-        once = np.isin(np.arange(len(keys)), np.unique(keys, return_index=True)[1])
-        wrong = {"inside the body": ~np.isin(keys, surface), "duplicated": ~once}
-        for what, which in [*wrong.items(), *((f"of {other}, too", which) for other, which in others)]:
-            if which.any():
-                got = f"{np.count_nonzero(which)} of {len(keys)} faces are {what}"
-                raise MeshError(Fault("this is no wall of a chamber of its own", where, got, allowed))
-        self.walls[where] = body, keys
 
     def cable(self, name: str, where: str) -> int:
         if name not in self.cables:

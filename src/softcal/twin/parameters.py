@@ -210,7 +210,12 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         )
         for c in robot.cables
     )
-    loads = tuple(_with_size(load, values) for load in robot.loads)
+    loads = list(robot.loads)
+    for i, load in enumerate(loads):
+        key = "moment" if isinstance(load, Moment) else "force"
+        size = values.get(f"{load.name}.{key}")
+        if size is not None and not isinstance(load, SurfaceLoad) and load.direction.any():
+            loads[i] = replace(load, **{key: size * load.direction})
     markers = tuple(marker.offset_by(values) for marker in robot.markers)
     actuators = tuple(part.with_values(values) for part in robot.actuators)
     return replace(
@@ -220,7 +225,7 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         plates=plates,
         cables=cables,
         actuators=actuators,
-        loads=loads,
+        loads=tuple(loads),
         markers=markers,
     )
 
@@ -252,13 +257,6 @@ def _with_material(part: Part, values: Mapping[str, float], name: str) -> Part:
         parameters={key: values.get(f"{name}.{key}", old) for key, old in part.parameters.items()},
         density=values.get(f"{name}.density", part.density),
     )
-
-
-def _with_size(load: PointLoad | Moment | SurfaceLoad, values: Mapping[str, float]) -> PointLoad | Moment | SurfaceLoad:
-    key = "moment" if isinstance(load, Moment) else "force"
-    if isinstance(load, SurfaceLoad) or f"{load.name}.{key}" not in values or not load.direction.any():
-        return load
-    return replace(load, **{key: values[f"{load.name}.{key}"] * load.direction})
 
 
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:

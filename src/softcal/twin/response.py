@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from softcal.checks import Floats, Ints, ReadOnly
-from softcal.display import displayed, plotted
+from softcal.display import displayed, pictures_of, plotted
 from softcal.errors import Fault, ParameterError
+from softcal.html_text import curve, heading, html_table, paragraph, picture
+from softcal.units import format_quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -208,9 +210,25 @@ class Response(ReadOnly):
         return {words: sentence for words, sentence in kinds.items() if sentence}
 
     def _repr_html_(self) -> str:
-        from softcal.twin.response_html import response_html
-
-        return response_html(self)
+        """The status, a row for each channel, and what must be known of the shapes."""
+        rows: list[list[object]] = []
+        for name, values in self.channels.items():
+            known = values[np.isfinite(values)]
+            ends = (
+                [format_quantity(float(x), self.units[name]) for x in (known.min(), known.max(), known[-1])]
+                if len(known)
+                else ["–"] * 3
+            )
+            rows.append([name, *ends, curve(values.tolist())])
+        samples = max((len(values) for values in self.channels.values()), default=0)
+        return "".join(
+            [
+                heading(f"{'' if self.succeeded else 'Failed: '}{self.status}"),
+                html_table(["channel", "least", "largest", "last", f"over {samples} samples"], rows),
+                *(paragraph(f"Warning: {warning}") for warning in self.warnings),
+                *(picture(png, "shape") for png in pictures_of(self)),
+            ]
+        )
 
     def plot(self, channel: str, over: str = "", *, ax: Axes | None = None) -> Axes:
         """One channel over another one, or over the number of the sample, as the report draws it.

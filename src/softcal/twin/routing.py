@@ -2,7 +2,8 @@
 the body.
 
 A straight segment would leave the bore of a bending body, towards the inside of the bend, with a growing lever arm; a
-soft body then folds between two via points as a column buckles under its own load.
+soft body then folds between two via points as a column buckles under its own load. The via points themselves have their
+supports by a robot's bodies: in a bore, by its wall all around.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from softcal.geometry.bore import wall_around
 from softcal.geometry.centreline import Centreline, place_on_rod
 from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
-from softcal.mechanics.attachment import attach_point, attach_rate
+from softcal.mechanics.attachment import Attachment, attach_ball, attach_point, attach_rate
 from softcal.twin.cables import Cable, ViaPoint
+from softcal.twin.robot import Robot
 
 SPACING = 0.25  # of an edge of the tets around: the spacing of the points that represent a bore
 SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it and is not guided
@@ -201,3 +203,26 @@ def _along(centreline: Centreline, start: Floats, end: Floats) -> Floats:
     t = ((stations[between] - s0) / (s1 - s0))[:, None]
     local = (1.0 - t) * offsets[0] + t * offsets[1]
     return centreline.nodes[between] + np.einsum("nij,nj->ni", centreline.triads[between], local)
+
+
+def supports(robot: Robot) -> dict[str, dict[int, Attachment]]:
+    """Cable -> the numbers of its via points on bodies, from 0, with their attachment; only cables with such points."""
+    meshes = {body.name: body.mesh for body in robot.bodies}
+    attachments: dict[str, dict[int, Attachment]] = {}
+    for cable in robot.cables:
+        for i, via in enumerate(cable.via_points):
+            if via.on in meshes:
+                where = f"{cable.name}, via point {i + 1}"
+                attachments.setdefault(cable.name, {})[i] = attach_ball(meshes[via.on], via.at, via.radius, where=where)
+    return attachments
+
+
+def bores(robot: Robot) -> dict[str, dict[int, float]]:
+    """Cable -> the numbers of its via points in bores, from 0, with the bores' diameters [m]; only cables with such
+    points.
+    """
+    wide = {
+        cable: {i: held.bore for i, held in points.items() if held.bore > 0.0}
+        for cable, points in supports(robot).items()
+    }
+    return {cable: points for cable, points in wide.items() if points}

@@ -10,7 +10,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.march import Reached, Target, reach
-from softcal.mechanics.node import Line, Node, node_at
+from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.path import follow
 from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.stability import is_stable
@@ -64,30 +64,25 @@ def loaded(twin: Twin, statics: Statics, names: tuple[str, ...] = ()) -> Start:
     SimulationError
         Where there is none.
     """
-    start = _loaded(twin, statics)
+    rest, line = rest_state(twin.system.layout), slack_line(twin)
+    if not twin.system.is_loaded(statics.theta):
+        start = Start(rest)
+    elif (direct := statics.equilibrium(rest, line.at(0.0))).converged and is_stable(
+        statics, statics.tangent_at(direct.state, line.at(0.0))
+    ):
+        start = Start(direct.state)
+    else:
+        ramp = replace(line, load=0.0, load_rate=1.0)
+        path = follow(statics, ramp, node_at(statics, ramp, 0.0, rest, ()), 1.0, first_step=0.2)
+        if not path.reached:
+            reached = 100.0 * path.nodes[-1].c
+            raise SimulationError(f"Under the dead loads {path.ended} {reached:.3g} % of them: {path.status}.")
+        start = Start(path.nodes[-1].state, any(node.is_snapped for node in path.nodes))
     if not twin.system.remembers:
         return start
-    line = slack_line(twin)
     node = node_at(statics, line, 0.0, start.state, names, mixed=False)
     state = twin.system.advanced(node.state, line.at(0.0), statics.theta, node.by_parameter, names)
     return replace(start, state=state)
-
-
-def _loaded(twin: Twin, statics: Statics) -> Start:
-    rest = rest_state(twin.system.layout)
-    line = slack_line(twin)
-    if not twin.system.is_loaded(statics.theta):
-        return Start(rest)
-    direct = statics.equilibrium(rest, line.at(0.0))
-    if direct.converged and is_stable(statics, statics.tangent_at(direct.state, line.at(0.0))):
-        return Start(direct.state)
-    ramp = replace(line, load=0.0, load_rate=1.0)
-    start: Node = node_at(statics, ramp, 0.0, rest, ())
-    path = follow(statics, ramp, start, 1.0, first_step=0.2)
-    if not path.reached:
-        reached = 100.0 * path.nodes[-1].c
-        raise SimulationError(f"Under the dead loads {path.ended} {reached:.3g} % of them: {path.status}.")
-    return Start(path.nodes[-1].state, any(node.is_snapped for node in path.nodes))
 
 
 def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:

@@ -12,9 +12,8 @@ import numpy as np
 from softcal.mechanics.attachment import Attachment
 from softcal.project.project import Project
 from softcal.twin.actuated import faults_of_limits
-from softcal.twin.bores import supports
 from softcal.twin.robot import Cable, Robot
-from softcal.twin.routing import off_bore
+from softcal.twin.routing import off_bore, supports
 from softcal.units import format_quantity
 from softcal.workflows.simulation import protocol_of
 

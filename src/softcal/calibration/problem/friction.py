@@ -27,7 +27,8 @@ def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str])
         The parameters that are free or uncertain in it.
     """
     faults = pulley_faults(experiment)
-    branch = branch_of(experiment.dataset) or "loading"
+    selected = branch_of(experiment.dataset)
+    branch = selected or "loading"
     if branch != "loading" or _lets_go(experiment):
         for cable in robot.cables:
             key = f"{cable.name}.friction_coefficient"
@@ -36,7 +37,27 @@ def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str])
             if not reverses and (friction > 0.0 or key in free):
                 got = "its samples do both" if branch == "loading" else f"take_branch: {branch}"
                 faults.append(let_go_fault(experiment.name, cable.name, got))
-    faults += _order_faults(robot, experiment)
+    takes_order = robot.remembers or experiment.rig.backlash is not None
+    if takes_order and (experiment.dataset.labels or branch in ("unloading", "mean")):  # no load path in their order
+        reasons = (
+            (any(c.line.friction_memory for c in robot.cables), "friction with a memory", "friction_memory: false"),
+            (
+                any(one.history for one in robot.deformable),
+                "a material with a history",
+                "no history of bodies and rods",
+            ),
+            (True, "a drive with backlash", "no backlash"),
+        )
+        what, attempt = next((what, attempt) for holds, what, attempt in reasons if holds)
+        faults.append(
+            Fault(
+                f"{what} needs the samples in the order in which they were made",
+                experiment.name,
+                got=f"take_branch: {selected}" if selected else "samples with labels, each a state of its own",
+                allowed="a record, row by row",
+                attempt=attempt,
+            )
+        )
     times = experiment.times
     if robot.needs_time and (times is None or not np.all(np.diff(times) >= 0.0)):
         faults.append(
@@ -56,7 +77,31 @@ def pulley_faults(experiment: Experiment) -> list[Fault]:
     friction has a memory, samples that are no load path, or whose slip is unknown.
     """
     if experiment.rig.pulleys is not None and experiment.rig.pulleys.friction_memory:
-        return _memory_faults(experiment)
+        dataset = experiment.dataset
+        channels = [experiment.twin_channel(c) for c in (*experiment.drives, *experiment.compared)]
+        slips = {name.carrier: experiment.shortening_of(name.carrier) for name in channels if name.kind == TENSION}
+        known = {cable: slip and bool(np.all(np.isfinite(dataset.values(slip)))) for cable, slip in slips.items()}
+        faults = [
+            Fault(
+                "the pulleys' friction has a memory, and the slip over them is unknown",
+                experiment.name,
+                got=f"no shortening of {cable}" if not slips[cable] else f"samples without {slips[cable]}",
+                allowed="the shortening of every sample",
+            )
+            for cable in slips
+            if not known[cable]
+        ]
+        if slips and (dataset.labels or branch_of(dataset)):
+            faults.append(
+                Fault(
+                    "the pulleys' friction has a memory, and the samples are no load path in their order",
+                    experiment.name,
+                    got="samples with labels" if dataset.labels else f"take_branch: {branch_of(dataset)}",
+                    allowed="both branches, as they were recorded",
+                    attempt="friction_memory: false in rig.pulleys",
+                )
+            )
+        return faults
     corrected = any(s.name == PULLEY_STEP and s.settings["exponent"] > 0.0 for s in experiment.dataset.provenance)
     turning = experiment.rig.pulleys is not None and experiment.rig.pulleys.turning > 0.0
     tensions = [c for c in (*experiment.drives, *experiment.compared) if experiment.twin_channel(c).kind == TENSION]
@@ -69,58 +114,6 @@ def pulley_faults(experiment: Experiment) -> list[Fault]:
             got=f"samples of both, one correction of {', '.join(tensions)}",
             allowed="one branch, or the mean of both",
             attempt="find_cycles and take_branch in its preparation",
-        )
-    ]
-
-
-def _memory_faults(experiment: Experiment) -> list[Fault]:
-    dataset = experiment.dataset
-    tensions = [experiment.twin_channel(c) for c in (*experiment.drives, *experiment.compared)]
-    slips = {name.carrier: experiment.shortening_of(name.carrier) for name in tensions if name.kind == TENSION}
-    known = {cable: slip and bool(np.all(np.isfinite(dataset.values(slip)))) for cable, slip in slips.items()}
-    faults = [
-        Fault(
-            "the pulleys' friction has a memory, and the slip over them is unknown",
-            experiment.name,
-            got=f"no shortening of {cable}" if not slips[cable] else f"samples without {slips[cable]}",
-            allowed="the shortening of every sample",
-        )
-        for cable in slips
-        if not known[cable]
-    ]
-    if slips and (dataset.labels or branch_of(dataset)):
-        got = "samples with labels" if dataset.labels else f"take_branch: {branch_of(dataset)}"
-        faults.append(
-            Fault(
-                "the pulleys' friction has a memory, and the samples are no load path in their order",
-                experiment.name,
-                got=got,
-                allowed="both branches, as they were recorded",
-                attempt="friction_memory: false in rig.pulleys",
-            )
-        )
-    return faults
-
-
-def _order_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
-    """Samples that are no load path in their order, where friction along cables has a memory, or a drive backlash."""
-    branch = branch_of(experiment.dataset)
-    takes_order = robot.remembers or experiment.rig.backlash is not None
-    if not takes_order or not (experiment.dataset.labels or branch in ("unloading", "mean")):
-        return []
-    reasons = (
-        (any(cable.line.friction_memory for cable in robot.cables), "friction with a memory", "friction_memory: false"),
-        (any(one.history for one in robot.deformable), "a material with a history", "no history of bodies and rods"),
-        (True, "a drive with backlash", "no backlash"),
-    )
-    what, attempt = next((what, attempt) for holds, what, attempt in reasons if holds)
-    return [
-        Fault(
-            f"{what} needs the samples in the order in which they were made",
-            experiment.name,
-            got=f"take_branch: {branch}" if branch else "samples with labels, each a state of its own",
-            allowed="a record, row by row",
-            attempt=attempt,
         )
     ]
 

@@ -174,7 +174,20 @@ def observe(
             place, rates = placed[name.point]
             seen[channel] = place[:, name.kind.axis], rates[:, name.kind.axis]
         else:
-            seen[channel] = _read(experiment, rig, name, raw[str(name)], slopes[str(name)], wanted)
+            # As measured by its instrument, of a gain and an offset.
+            own, values = rig.get(name.gain, 1.0), raw[str(name)]
+            pulleys = gain_of(experiment, rig, name.carrier) if name.kind == TENSION else PulleyGain(1.0, {})
+            gain = own * pulleys.value
+            rates = (gain * slopes[str(name)].T).T
+            by_instrument = {
+                **{friction: own * by * values for friction, by in pulleys.by.items()},
+                name.gain: pulleys.value * values,
+                name.offset: 1.0,
+                name.drift: experiment.elapsed,
+            }
+            for k, parameter in enumerate(wanted):
+                rates[:, k] += by_instrument.get(parameter, 0.0)
+            seen[channel] = gain * values + rig.get(name.offset, 0.0) + _drifted(experiment, rig, name), rates
     return Observation(
         {channel: values for channel, (values, _) in seen.items()},
         Derivatives(tuple(seen), wanted, np.stack([rates for _, rates in seen.values()], axis=1)),
@@ -226,30 +239,6 @@ def _placed(
         if name in names:
             rates[:, :, names.index(name)] = np.eye(3)[k] if k < 3 else p @ turned[k - 3].T
     return p @ R.T + frame[:3], rates
-
-
-def _read(
-    experiment: Experiment,
-    rig: Mapping[str, float],
-    name: ChannelName,
-    raw: Floats,
-    slopes: Floats,
-    names: tuple[str, ...],
-) -> tuple[Floats, Floats]:
-    """A channel of the twin as measured by its instrument, gain and offset, and its derivatives (n, n_names)."""
-    own = rig.get(name.gain, 1.0)
-    pulleys = gain_of(experiment, rig, name.carrier) if name.kind == TENSION else PulleyGain(1.0, {})
-    gain = own * pulleys.value
-    rates = (gain * slopes.T).T
-    by_instrument = {
-        **{friction: own * by * raw for friction, by in pulleys.by.items()},
-        name.gain: pulleys.value * raw,
-        name.offset: 1.0,
-        name.drift: experiment.elapsed,
-    }
-    for k, parameter in enumerate(names):
-        rates[:, k] += by_instrument.get(parameter, 0.0)
-    return gain * raw + rig.get(name.offset, 0.0) + _drifted(experiment, rig, name), rates
 
 
 def _drifted(experiment: Experiment, rig: Mapping[str, float], name: ChannelName) -> Floats | float:

@@ -228,11 +228,26 @@ class Problem:
         self, theta: Mapping[str, float], group: Trajectory, *, jacobian: bool, **options: Any
     ) -> Contribution:
         """See `part`; options: of the simulation."""
-        response = self._simulate(group, jacobian, options)
+        simulate = self.simulate
+        if simulate is None:
+            from softcal.twin.simulate import simulate as of_twin
+
+            simulate = partial(of_twin, crossings=False)  # looked for once, at what is found
+        protocol, names = group.protocol(), self._derived_by(group) if jacobian else []
+        try:
+            response = simulate(self.robot, protocol, group.theta, sensitivities=names, **options)
+        except (SimulationError, MeshError) as error:  # of a shape that the mesh of a body cannot have
+            response = Response({}, {}, str(error), succeeded=False, n_factorisations=0)
+        except ParameterError as error:
+            # Where a free slack is what pulls a cable in too far, there are values of it that do not.
+            moved = any(control_parameters(experiment) & set(self.derived) for experiment, _ in group.members)
+            if not (moved and command_faults(self.robot, protocol)):
+                raise
+            response = Response({}, {}, str(error), succeeded=False, n_factorisations=0)
         observations: dict[str, Observation] = {}
         failure = group.failure(response)
         if response.channels:
-            whole = response.over(group.protocol().n_samples)
+            whole = response.over(protocol.n_samples)
             for experiment, samples in group.samples():
                 # A robot that has no equilibrium at rest has no derivatives.
                 names = self.derived if jacobian and (response.slopes or not failure) else ()
@@ -361,22 +376,6 @@ class Problem:
         known = robot_parameters(self.robot)
         return [*(name for name in self.derived if name in known), *group.controls(set(self.derived))]
 
-    def _simulate(self, group: Trajectory, jacobian: bool, options: Mapping[str, Any]) -> Response:
-        simulate = self.simulate or _real_simulate()
-        names = self._derived_by(group) if jacobian else []
-        protocol, failure = group.protocol(), ""
-        try:
-            return simulate(self.robot, protocol, group.theta, sensitivities=names, **options)
-        except (SimulationError, MeshError) as error:  # of a shape that the mesh of a body cannot have
-            failure = str(error)
-        except ParameterError as error:
-            # Where a free slack is what pulls a cable in too far, there are values of it that do not.
-            moved = any(control_parameters(experiment) & set(self.derived) for experiment, _ in group.members)
-            if not (moved and command_faults(self.robot, protocol)):
-                raise
-            failure = str(error)
-        return Response({}, {}, failure, succeeded=False, n_factorisations=0)
-
     def _blocks(self, observations: Mapping[str, Observation]) -> list[Block]:
         blocks, robot = list[Block](), robot_parameters(self.robot)
         for experiment in self.experiments:
@@ -472,9 +471,3 @@ def _columns(
     columns = [[k for k, name in enumerate(derivatives.parameters) if name in of_one] for of_one in targets]
     rates = derivatives.rates[:, derivatives.channels.index(channel)]
     return np.column_stack([rates[:, each].sum(axis=1) for each in columns])
-
-
-def _real_simulate() -> Simulate:
-    from softcal.twin.simulate import simulate
-
-    return partial(simulate, crossings=False)  # looked for once, at what is found

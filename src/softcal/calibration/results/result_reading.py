@@ -117,7 +117,21 @@ def _record(document: dict[str, Any]) -> type[CalibrationResult | SweepResult]:
 def _fit(folder: Path, name: str, errors: ExperimentFit) -> ExperimentFit:
     """The fit of an experiment, from its errors and its table."""
     path = folder / response_file(name)
-    parts, units = _response(path)
+    header, rows = read_rows(path, _WHAT)
+    if not rows:
+        raise contradiction(path, _WHAT, "there are no samples")
+    # Channels of the table by family ("" for the twin's own), and their units.
+    parts: dict[str, dict[str, Floats]] = {"measured": {}, "simulated": {}, "band": {}, "repeat": {}, "": {}}
+    units: dict[str, str] = {}
+    for column, title in enumerate(header):
+        key, _, unit = title.removesuffix("]").rpartition(" [")
+        family, _, channel = key.partition(".")
+        family, key = (family, channel) if family in parts else ("", key)
+        missing = family in ("measured", "band", "repeat")
+        numbers = [_number(path, row[column], i, missing=missing) for i, row in enumerate(rows, start=1)]
+        parts[family][key], units[key] = np.array(numbers), unit
+        if unit != (own := channel_name(key).kind.unit) and own:
+            raise contradiction(path, _WHAT, f"its column '{title}' is not in {own}")
     compared = errors.rmse.keys()
     if not compared or not compared == errors.rmse_detrended.keys() == parts["simulated"].keys():
         raise contradiction(path, _WHAT, f"its simulated channels are not those of {RESULT}")
@@ -140,30 +154,6 @@ def _fit(folder: Path, name: str, errors: ExperimentFit) -> ExperimentFit:
                 why = f"its {channel} is off by {again:.6g}, and in {RESULT} by another number"
                 raise contradiction(path, _WHAT, why)
     return fit
-
-
-def _response(path: Path) -> tuple[dict[str, dict[str, Floats]], dict[str, str]]:
-    """Channels of a response table by family ("" for the twin's own), and their units."""
-    header, rows = read_rows(path, _WHAT)
-    if not rows:
-        raise contradiction(path, _WHAT, "there are no samples")
-    parts: dict[str, dict[str, Floats]] = {"measured": {}, "simulated": {}, "band": {}, "repeat": {}, "": {}}
-    units: dict[str, str] = {}
-    for column, title in enumerate(header):
-        name, _, unit = title.removesuffix("]").rpartition(" [")
-        family, _, channel = name.partition(".")
-        known = family in parts
-        key = channel if known else name
-        parts[family if known else ""][key] = np.array(
-            [
-                _number(path, row[column], i, missing=family in ("measured", "band", "repeat"))
-                for i, row in enumerate(rows, start=1)
-            ]
-        )
-        units[key] = unit
-        if unit != (own := channel_name(key).kind.unit) and own:
-            raise contradiction(path, _WHAT, f"its column '{title}' is not in {own}")
-    return parts, units
 
 
 def _number(path: Path, cell: str, row: int, *, missing: bool = False) -> float:

@@ -197,7 +197,11 @@ class SharedStudy:
         try:
             with self._answering():
                 self._give_up_stale()
-                while len(asked) < count and self._wanted(total):
+                while len(asked) < count:
+                    trials = self._storage.trials
+                    waiting = any(t.state.name == "WAITING" and t.number not in self._mine for t in trials)
+                    if not waiting and len(_counted(trials) | self._mine) >= total:
+                        break  # none is to be tried again, and `total` have begun
                     trial = self._study.ask()
                     self._mine.add(trial.number)
                     if trial.number >= total and total <= sum(n < trial.number for n in _counted(self._storage.read())):
@@ -232,12 +236,6 @@ class SharedStudy:
             type(value) in (int, float) and bounds[name][0] <= value <= bounds[name][1]
             for name, value in values.items()
         )
-
-    def _wanted(self, total: int) -> bool:
-        """Whether a trial waits to be tried again, or fewer than `total` have begun."""
-        trials = self._storage.trials
-        waiting = any(t.state.name == "WAITING" and t.number not in self._mine for t in trials)
-        return waiting or len(_counted(trials) | self._mine) < total
 
     def tell(self, stored: StoredTrial) -> bool:
         """Record the outcome of a trial that was asked for; False where others have given it up meanwhile.

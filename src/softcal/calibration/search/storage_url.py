@@ -182,7 +182,13 @@ class StorageUrl:
                 raise
             if isinstance(error, BROKEN) and self.file is not None:
                 raise StorageError(Fault(f"{NO_JOURNAL}, or it is damaged", str(self.file), attempt=ANOTHER)) from None
-            got = (self._without_secret(_reason(error)).splitlines() or [""])[0].rstrip(".") or type(error).__name__
+            # The message of the driver, without the statement and the pages that SQLAlchemy adds.
+            origin = error.__cause__ if error.__cause__ is not None else error
+            origin = getattr(origin, "orig", None) or origin
+            # pg8000 has it by field, pymysql after its number.
+            said = [a.get("M", "") if isinstance(a, dict) else a for a in getattr(origin, "args", ())]
+            reason = next((a for a in said if isinstance(a, str) and a), str(origin)).strip()
+            got = (self._without_secret(reason).splitlines() or [""])[0].rstrip(".") or type(error).__name__
             if isinstance(error, BROKEN) and joined:  # by a record in it
                 what = "the shared study cannot be read"
                 raise StorageError(Fault(what, self.shown, got, attempt="another database")) from None
@@ -276,11 +282,3 @@ def _database(url: str) -> optuna.storages.BaseStorage:
                 raise
             time.sleep(_PAUSE)
     raise AssertionError
-
-
-def _reason(error: BaseException) -> str:
-    """The message of a driver, without the statement and the pages that SQLAlchemy adds."""
-    origin = error.__cause__ if error.__cause__ is not None else error
-    origin = getattr(origin, "orig", None) or origin
-    said = [a.get("M", "") if isinstance(a, dict) else a for a in getattr(origin, "args", ())]  # pg8000: by field
-    return next((a for a in said if isinstance(a, str) and a), str(origin)).strip()  # pymysql: after its number

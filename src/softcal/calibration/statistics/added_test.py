@@ -294,18 +294,16 @@ def _add_source(sources: list[Source], part: ScaledBlock, noise: _Noise, dof: fl
     size, process = float(np.sqrt(noise.white)) / noise.unit, noise.process(len(part.residual))
     added = _record(part, process)
     for i, source in enumerate(sources):
-        if source.name == part.group and _alike(source, size, process):
+        if source.process is None or process is None:
+            is_alike = source.process is process and bool(np.isclose(source.size, size))
+        else:
+            ours, theirs = ([p.variance, p.share, p.length] for p in (source.process, process))
+            is_alike = bool(np.allclose(ours, theirs))
+        if source.name == part.group and is_alike:
             sources[i] = replace(source, records=(*source.records, added), dof=source.dof + dof)
             return
     known = np.inf if np.isinf(noise.dof) else dof
     sources.append(Source("noise", part.group, (added,), size, known, process))
-
-
-def _alike(source: Source, size: float, process: Process | None) -> bool:
-    if source.process is None or process is None:
-        return source.process is process and bool(np.isclose(source.size, size))
-    ours, theirs = ([p.variance, p.share, p.length] for p in (source.process, process))
-    return bool(np.allclose(ours, theirs))
 
 
 def _differing(found: Estimator) -> list[tuple[int, Between]]:

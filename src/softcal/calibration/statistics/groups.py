@@ -73,11 +73,6 @@ def groups_of(problem: Problem, blocks: Sequence[Block], kind: str) -> list[np.n
     return found
 
 
-def _actuators(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
-    driven = [experiment.twin_channel(channel).carrier for channel in experiment.drives]
-    return [" and ".join(driven) or NONE] * experiment.dataset.n_samples
-
-
 def _weights(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labels:
     drives = experiment.drives
     n = experiment.dataset.n_samples
@@ -108,7 +103,10 @@ def _records(experiment: Experiment, block: Block, own: Sequence[Block]) -> Labe
 
 KINDS: Mapping[str, Callable[[Experiment, Block, Sequence[Block]], Labels]] = {
     "experiments": lambda experiment, block, own: [experiment.name] * experiment.dataset.n_samples,
-    "actuators": _actuators,
+    "actuators": lambda experiment, block, own: (
+        [" and ".join(experiment.twin_channel(channel).carrier for channel in experiment.drives) or NONE]
+        * experiment.dataset.n_samples
+    ),
     "weights": _weights,
     "markers": lambda experiment, block, own: [block.point or NONE] * experiment.dataset.n_samples,
     "cycles": _cycles,

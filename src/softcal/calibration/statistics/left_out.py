@@ -113,8 +113,14 @@ class _Prediction:
         step = np.zeros(len(z))
         step[self.known] = nearest_within(others.minimum[self.known], others.budget.root[:, self.known]) - z[self.known]
         step[~self.shared] = 0.0
-        moved = [b.residual + J @ step for b, J in zip(self.blocks, jacobians, strict=True)]
-        fitted = self._without_own(jacobians, [np.column_stack([r, J]) for r, J in zip(moved, jacobians, strict=True)])
+        fitted = [np.column_stack([b.residual + J @ step, J]) for b, J in zip(self.blocks, jacobians, strict=True)]
+        if self.own.any():  # P times these columns
+            weights = [self.loss.square_weights(block, block.residual)[:, None] for block in self.blocks]
+            parts = [J[:, self.own] for J in jacobians]
+            normal = np.sum([J.T @ (w * J) for J, w in zip(parts, weights, strict=True)], axis=0)
+            pulled = np.sum([J.T @ (w * c) for J, w, c in zip(parts, weights, fitted, strict=True)], axis=0)
+            steps = np.linalg.pinv(normal, hermitian=True) @ pulled
+            fitted = [c - J @ steps for J, c in zip(parts, fitted, strict=True)]
         rmse: dict[str, float] = {}
         within: dict[str, float] = {}
         widths: dict[str, float] = {}
@@ -126,17 +132,3 @@ class _Prediction:
             rmse[block.channel], widths[block.channel] = rms(residual), rms(band)
             within[block.channel] = float(np.mean(np.abs(residual) <= band))
         return LeftOut(rmse, within, widths)
-
-    def _without_own(self, jacobians: Sequence[Floats], columns: Sequence[Floats]) -> list[Floats]:
-        """P times columns (n, k) of each block."""
-        if not self.own.any():
-            return list(columns)
-        weights = [self.loss.square_weights(block, block.residual)[:, None] for block in self.blocks]
-        normal = np.sum(
-            [J[:, self.own].T @ (w * J[:, self.own]) for J, w in zip(jacobians, weights, strict=True)], axis=0
-        )
-        pulled = np.sum(
-            [J[:, self.own].T @ (w * c) for J, w, c in zip(jacobians, weights, columns, strict=True)], axis=0
-        )
-        steps = np.linalg.pinv(normal, hermitian=True) @ pulled
-        return [c - J[:, self.own] @ steps for J, c in zip(jacobians, columns, strict=True)]

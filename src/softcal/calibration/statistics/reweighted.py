@@ -147,7 +147,12 @@ class Reweighted:
         for _ in range(_PASSES):
             hessians, pulls = np.zeros((len(left), *self._scale.shape * 2)), np.zeros((len(left), len(self.z)))
             for one, H, g, v, n in sums:
-                factor = _factor(one, H[left], g[left], v[left], n[left], steps[left])
+                factor, step = np.ones(len(left)), steps[left]
+                if one.rooted:  # its weight, over that at z, is one over the root of its squares at the step
+                    squares = v[left] + 2 * np.einsum("mi,mi->m", g[left], step)
+                    squares += np.einsum("mi,mij,mj->m", step, H[left], step)
+                    whole = float(one.values.sum())
+                    factor = np.sqrt(n[left] * whole / np.maximum(squares, _TINY * whole))
                 hessians += factor[:, None, None] * H[left]
                 pulls += factor[:, None] * g[left]
             scaled = hessians / np.outer(self._scale, self._scale) + _RIDGE * np.eye(len(self.z))
@@ -231,12 +236,3 @@ def _squares(held: Sequence[_Grouped], *, rooted: bool) -> Squares:
             values[i] += one.squares[rows].sum()
             counts[i] += rows.sum()
     return Squares(groups, hessians, pulls, values, counts, rooted)
-
-
-def _factor(one: Squares, H: Floats, g: Floats, v: Floats, n: Floats, step: Floats) -> Floats:
-    """Weight (m,) of a sum of squares at steps (m, size) over its weight at z: a root's is one over its size there."""
-    if not one.rooted:
-        return np.ones(len(step))
-    squares = v + 2 * np.einsum("mi,mi->m", g, step) + np.einsum("mi,mij,mj->m", step, H, step)
-    whole = float(one.values.sum())
-    return np.sqrt(n * whole / np.maximum(squares, _TINY * whole))

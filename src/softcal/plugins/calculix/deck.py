@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.checks import Floats, Ints
+from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.engine import actuator_faults, cable_faults, contact_faults, history_faults, not_exported
 from softcal.materials.catalogue import LAWS
@@ -238,7 +238,17 @@ def _nodes(twin: Twin) -> Iterator[str]:
     yield "*NODE, NSET=ALL"
     for i, at in enumerate(layout.X):
         yield f"{i + 1}, {place(at)}"
-    for k, pivot in enumerate(_pivots(twin)):
+    # The moving frames' reference nodes are at the centroids of their plates' nodes: CalculiX's tangent lacks the
+    # second-order terms of rigid bodies; this choice gives the best convergence.
+    held: list[set[int]] = [set() for _ in range(layout.n_moving_frames)]
+    for name, mesh in twin.meshes.items():
+        nodes = mesh.tets + twin.first_point[name]
+        riders = layout.rider[nodes]
+        for k in range(len(held)):
+            bends = (riders == k).any(axis=1) & (riders != k).any(axis=1)
+            held[k].update(nodes[bends][riders[bends] == k].tolist())
+    for k, own in enumerate(held):
+        pivot = layout.X[sorted(own)].mean(axis=0) if own else layout.references[k]
         reference, turn = _frame_nodes(layout, k)
         yield f"{reference}, {place(pivot)}"
         yield f"{turn}, {place(pivot)}"
@@ -248,26 +258,6 @@ def _frame_nodes(layout: Layout, k: int) -> tuple[int, int]:
     """Numbers of a moving frame's reference node and rotation node."""
     first = layout.n_points + 1 + 2 * k
     return first, first + 1
-
-
-def _pivots(twin: Twin) -> Floats:
-    """Positions of the moving frames' reference nodes (n_moving_frames, 3) [m]: the centroid of the plate's nodes.
-
-    CalculiX's tangent lacks the second-order terms of rigid bodies; this choice gives the best convergence.
-    """
-    layout = twin.system.layout
-    out = layout.references[: layout.n_moving_frames].copy()
-    held: list[set[int]] = [set() for _ in out]
-    for name, mesh in twin.meshes.items():
-        nodes = mesh.tets + twin.first_point[name]
-        riders = layout.rider[nodes]
-        for k in range(len(out)):
-            bends = (riders == k).any(axis=1) & (riders != k).any(axis=1)
-            held[k].update(nodes[bends][riders[bends] == k].tolist())
-    for k, nodes in enumerate(held):
-        if nodes:
-            out[k] = layout.X[sorted(nodes)].mean(axis=0)
-    return out
 
 
 def _bonds(twin: Twin) -> Iterator[str]:

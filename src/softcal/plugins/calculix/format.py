@@ -51,11 +51,6 @@ PER_LINE = 8  # numbers on a line of a deck
 Constants = Mapping[str, float]
 
 
-def _neo_hooke(theta: Constants) -> list[float]:
-    law = LAWS[ISOCHORIC]
-    return [0.5 * law.shear_modulus(theta), 2.0 / law.bulk_modulus(theta)]
-
-
 def _named(names: tuple[str, ...], powers: int) -> Callable[[Constants], list[float]]:
     def values(theta: Constants) -> list[float]:
         return [*(theta[name] for name in names), 2.0 / theta["bulk_modulus"], *([NO_POWER] * (powers - 1))]
@@ -74,7 +69,10 @@ def _ogden(terms: int) -> Callable[[Constants], list[float]]:
 
 # Law -> what follows *HYPERELASTIC, and its numbers by softcal's constants. The volumetric part is (J - 1)^2 / D1.
 CARDS: Mapping[str, tuple[str, Callable[[Constants], list[float]]]] = {
-    ISOCHORIC: ("NEO HOOKE", _neo_hooke),
+    ISOCHORIC: (
+        "NEO HOOKE",
+        lambda theta: [0.5 * LAWS[ISOCHORIC].shear_modulus(theta), 2.0 / LAWS[ISOCHORIC].bulk_modulus(theta)],
+    ),
     "mooney-rivlin": ("MOONEY-RIVLIN", _named(("C10", "C01"), 1)),
     "mooney-rivlin-5": ("POLYNOMIAL, N=2", _named(("C10", "C01", "C20", "C11", "C02"), 2)),
     "yeoh": ("YEOH", _named(("C10", "C20", "C30"), 3)),

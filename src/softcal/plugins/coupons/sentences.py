@@ -101,7 +101,20 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
     if nearer:
         text = f"Nearer on what was held out, and not recommended: {joined(nearer)}."
         said.append(Remark(text, "note"))
-    said.append(_specimens(found, one))
+    material, n = one.fit.material, len(found.coupons)
+    if material.covariance is None:
+        text = f"{one.name} has no 95 % bands: not all of its constants have intervals."
+        said.append(Remark(text, "warning"))
+    elif names := [name for name, sd in zip(material.constants.names, material.spread, strict=True) if sd > 0.0]:
+        said.append(Remark(f"The tests differ, in {joined(names)}: the 95 % bands include how far.", "good"))
+    else:
+        text = "One test does not show how far specimens differ: the 95 % bands may be too narrow for another specimen."
+        if n > 1:
+            text = (
+                f"The {n} tests do not show how far specimens differ: the 95 % bands do not include it, and may be too "
+                "narrow for another specimen."
+            )
+        said.append(Remark(text, "warning"))
     said.append(Remark(moduli(one), "note"))
     for p in predicted:
         if p.is_measured:
@@ -115,21 +128,3 @@ def conclusions(found: LawComparison, predicted: Sequence[PredictedCoupon]) -> l
     of_robots = ONE_EXPERIMENT, not_included(())
     said += [note for note in one.fit.statistics.notes if note.text not in of_robots]
     return sorted(said, key=lambda sentence: sentence.tone != "warning")
-
-
-def _specimens(found: LawComparison, one: ComparedLaw) -> Remark:
-    """Sentence on the validity of the bands for another specimen."""
-    material, n = one.fit.material, len(found.coupons)
-    if material.covariance is None:
-        return Remark(f"{one.name} has no 95 % bands: not all of its constants have intervals.", "warning")
-    names = [name for name, spread in zip(material.constants.names, material.spread, strict=True) if spread > 0.0]
-    if names:
-        return Remark(f"The tests differ, in {joined(names)}: the 95 % bands include how far.", "good")
-    if n == 1:
-        text = "One test does not show how far specimens differ: the 95 % bands may be too narrow for another specimen."
-    else:
-        text = (
-            f"The {n} tests do not show how far specimens differ: the 95 % bands do not include it, and may be too "
-            "narrow for another specimen."
-        )
-    return Remark(text, "warning")

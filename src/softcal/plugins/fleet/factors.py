@@ -82,7 +82,14 @@ def factor_effects(
         are effects about the law.
     """
     values = {factor: {one.name: one.factors.get(factor) for one in specimens} for factor in factors}
-    unknown = {factor: why for factor, held in values.items() if (why := _incomparable(held))}
+    unknown: dict[str, str] = {}
+    for factor, held in values.items():
+        known = [value for value in held.values() if value is not None]
+        groups = len(set(known))
+        if groups < 2:
+            unknown[factor] = "all specimens have the same" if known else "no specimen has one"
+        elif len(known) < groups + FEWEST_WITHIN:
+            unknown[factor] = "there are too few specimens of each"
     pairs = [(one, factor) for one in compared for factor in factors if factor not in unknown]
     logs = {(one.label, factor): (about or {}).get(one.label) if factor != INFILL else None for one, factor in pairs}
     made = [_effect(one, factor, values[factor], logs[one.label, factor]) for one, factor in pairs]
@@ -104,15 +111,6 @@ def not_apart(specimens: Sequence[Specimen], factors: Sequence[str]) -> list[tup
             elif len(pairs) == len(firsts):
                 found.append((other, one))
     return found
-
-
-def _incomparable(held: Mapping[str, Factor]) -> str:
-    """Reason why specimens cannot be compared by a factor; "" if they can."""
-    known = [value for value in held.values() if value is not None]
-    groups = len(set(known))
-    if groups < 2:
-        return "all specimens have the same" if known else "no specimen has one"
-    return "" if len(known) >= groups + FEWEST_WITHIN else "there are too few specimens of each"
 
 
 def _effect(

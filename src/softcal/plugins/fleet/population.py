@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from softcal.calibration.problem.parameters import Scale
-from softcal.calibration.statistics.estimate import Estimate
 from softcal.calibration.statistics.intervals import student
 from softcal.calibration.statistics.mixed_effects import mixed_effects
 from softcal.calibration.statistics.random_effects import DIFFERS, welch_test
@@ -162,7 +161,15 @@ def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
         return None
     first = next(iter(held.values()))
     scale: Scale = "log" if first.scale == "log" else "linear"
-    left_out = {name: why for name, e in held.items() if (why := _undetermined(e))}
+    left_out: dict[str, str] = {}
+    for name, e in held.items():
+        low, high = e.interval or (e.value, e.value)
+        if e.at_bound:
+            left_out[name] = "at a bound"
+        elif not own_error(e):
+            left_out[name] = "no standard error"
+        elif low <= e.lower or high >= e.upper:
+            left_out[name] = "its interval reaches a bound"
     names = tuple(name for name in held if name not in left_out)
     values = np.array([held[name].value for name in names])
     errors = np.array([own_error(held[name]) or math.nan for name in names])
@@ -172,16 +179,6 @@ def compared(label: str, specimens: Sequence[Specimen]) -> Comparable | None:
     return Comparable(
         label=label, unit=first.unit, scale=scale, names=names, values=values, raw=errors**2, dof=dof, left_out=left_out
     )
-
-
-def _undetermined(estimate: Estimate) -> str:
-    """Reason why an estimate does not count; "" if it does."""
-    if estimate.at_bound:
-        return "at a bound"
-    if not own_error(estimate):
-        return "no standard error"
-    low, high = estimate.interval or (estimate.value, estimate.value)
-    return "its interval reaches a bound" if low <= estimate.lower or high >= estimate.upper else ""
 
 
 def comparisons(specimens: Sequence[Specimen]) -> tuple[list[Comparable], dict[str, str]]:

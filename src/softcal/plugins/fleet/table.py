@@ -234,7 +234,22 @@ class _RowReader:
             for place, header in enumerate(self.table.headers)
             if (column := self._column(place, header, [cells[place] for _, cells in lines])) is not None
         ]
-        self._require_names()
+        where = f"{self.table.path}, line {self.table.header_line}"
+        shown = ", ".join(f"'{header}'" for header in self.table.headers if header)
+        if SPECIMEN not in [one.name for one in self.columns]:
+            attempt = nearest(SPECIMEN, self.table.headers)
+            attempt = attempt and f"'{SPECIMEN}' for {attempt}"
+            what = "the column with the specimens' names is missing"
+            self.faults.append(Fault(what, where, shown, f"'{SPECIMEN}'", attempt))
+        set_by: dict[str, list[str]] = {}
+        for one in self.columns:
+            for key in (one.name, *one.keys) if one.factor else one.keys or (one.name,):
+                parameter = re.sub(r"^robot\.\w+\.", "", key)  # bar.density of robot.bodies.bar.density
+                set_by.setdefault(parameter, []).append(f"'{one.header}'")
+        for headers in set_by.values():
+            if len(headers) > 1:
+                what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
+                self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
         known = [one.name for one in self.columns if one.factor]
         for name in self.by:
             if name not in known:
@@ -246,31 +261,6 @@ class _RowReader:
             self.faults.append(fault)
         seen: dict[str, tuple[int, str]] = {}
         return tuple(self._row(line, cells, seen) for line, cells in lines)
-
-    def _require_names(self) -> None:
-        where = f"{self.table.path}, line {self.table.header_line}"
-        shown = ", ".join(f"'{header}'" for header in self.table.headers if header)
-        named = [one.name for one in self.columns]
-        if SPECIMEN not in named:
-            attempt = nearest(SPECIMEN, self.table.headers)
-            self.faults.append(
-                Fault(
-                    "the column with the specimens' names is missing",
-                    where,
-                    shown,
-                    f"'{SPECIMEN}'",
-                    attempt and f"'{SPECIMEN}' for {attempt}",
-                )
-            )
-        set_by: dict[str, list[str]] = {}
-        for one in self.columns:
-            for key in (one.name, *one.keys) if one.factor else one.keys or (one.name,):
-                parameter = re.sub(r"^robot\.\w+\.", "", key)  # bar.density of robot.bodies.bar.density
-                set_by.setdefault(parameter, []).append(f"'{one.header}'")
-        for headers in set_by.values():
-            if len(headers) > 1:
-                what = f"{'two' if len(headers) == 2 else 'several'} columns mean the same"
-                self.faults.append(Fault(what, f"{self.table.path}, columns {' and '.join(headers)}", allowed="one"))
 
     def _column(self, place: int, header: str, cells: Sequence[str]) -> _TableColumn | None:
         """The meaning of a column; None if it is empty or at fault."""
@@ -295,7 +285,11 @@ class _RowReader:
                 return _TableColumn(place, header, "parameter", name, (name,), unit)
             self._unknown(header, name)
             return None
-        leaf = [name] if keys else self._leaves(name)
+        leaf = [name]
+        if not keys:  # those of the template's values whose last part equals, or nearly equals, the name
+            values = [key for key in self.keys if not isinstance(self._value(key), (dict, list))]
+            near = get_close_matches(name, {key.rpartition(".")[2] for key in values}, n=1, cutoff=_NEAR)
+            leaf = sorted(key for key in values if key.rpartition(".")[2] in near)
         if (name == FILE or leaf) and name not in self.by:
             self._unknown(header, name, leaf)
             return None
@@ -344,12 +338,6 @@ class _RowReader:
                 return None
         return here
 
-    def _leaves(self, name: str) -> list[str]:
-        """The keys of the template's values whose last part equals, or nearly equals, a name."""
-        values = [key for key in self.keys if not isinstance(self._value(key), (dict, list))]
-        near = get_close_matches(name, {key.rpartition(".")[2] for key in values}, n=1, cutoff=_NEAR)
-        return sorted(key for key in values if key.rpartition(".")[2] in near)
-
     def _row(self, line: int, cells: Sequence[str], seen: dict[str, tuple[int, str]]) -> FleetRow:
         name = ""
         changes: dict[str, Entry] = {}
@@ -361,7 +349,20 @@ class _RowReader:
             where = f"{self.table.path}, column '{column.header}', line {line}"
             if column.kind == SPECIMEN:
                 name = cell
-                self._check_name(name, line, where, seen)
+                if not name:
+                    self.faults.append(Fault("a specimen has no name", where))
+                elif fault := name_fault(name):
+                    self.faults.append(replace(fault, where=where))
+                elif match := _TAKEN.search(folded(name)):
+                    what = f"a specimen's name cannot end in '{match[0]}', as files of the fleet do"
+                    self.faults.append(Fault(what, where, f"'{name}'", attempt=f"'{name[: match.start()]}'"))
+                elif folded(name) in seen:
+                    other, first = seen[folded(name)]
+                    what = "two rows have the same name" if first == name else "two names differ only in capitals"
+                    got = f"'{name}', and '{first}' in line {other}"
+                    self.faults.append(Fault(what, where, got, "a name for each specimen"))
+                else:
+                    seen[folded(name)] = (line, name)
             if column.factor:
                 factors[column.name] = self._factor(column, cell, where)
             if not cell and not set(column.keys).isdisjoint(self.measured):
@@ -376,23 +377,6 @@ class _RowReader:
         return FleetRow(
             name=name, changes=changes, values=values, factors=factors, line=line, places=places, measured=measured
         )
-
-    def _check_name(self, name: str, line: int, where: str, seen: dict[str, tuple[int, str]]) -> None:
-        if not name:
-            self.faults.append(Fault("a specimen has no name", where))
-        elif fault := name_fault(name):
-            self.faults.append(replace(fault, where=where))
-        elif match := _TAKEN.search(folded(name)):
-            what = f"a specimen's name cannot end in '{match[0]}', as files of the fleet do"
-            self.faults.append(Fault(what, where, f"'{name}'", attempt=f"'{name[: match.start()]}'"))
-        elif folded(name) in seen:
-            other, first = seen[folded(name)]
-            what = "two rows have the same name" if first == name else "two names differ only in capitals"
-            self.faults.append(
-                Fault(what, where, f"'{name}', and '{first}' in line {other}", "a name for each specimen")
-            )
-        else:
-            seen[folded(name)] = (line, name)
 
     def _factor(self, column: _TableColumn, cell: str, where: str) -> str | float | None:
         if not cell:

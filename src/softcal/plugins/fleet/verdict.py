@@ -30,7 +30,19 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         more = "; …" if len(failed) > _NAMED else ""
         n = len(specimens)
         texts.append(Remark(f"{len(failed)} of {n} specimens failed, and do not count: {named}{more}", "warning"))
-    texts += _warnings([one for one in specimens if one.state == "DONE"])
+    done = [one for one in specimens if one.state == "DONE"]
+    if warned := [one for one in done if one.warnings]:
+        kinds: dict[str, list[tuple[str, str]]] = {}  # warnings may differ in their numbers
+        for one in warned:
+            for text in one.warnings:
+                kinds.setdefault(_DIGITS.sub("", text), []).append((one.name, text))
+        often = max(kinds.values(), key=len)
+        name, text = often[0]
+        said = f"{len(warned)} of {len(done)} calibrated specimens {'has' if len(warned) == 1 else 'have'} warnings"
+        first = _FIRST.split(text)[0].rstrip(".")
+        n = len(dict.fromkeys(name for name, _ in often))
+        also = f", and the like of {n - 1} more" if n > 1 else ""
+        texts.append(Remark(f"{said}: {first} ({name}){also}. specimens/NAME.json has all.", "warning"))
     if found.same_data:
         groups = "; ".join(map(_names, found.same_data[:_NAMED])) + ("; …" if len(found.same_data) > _NAMED else "")
         text = f"Specimens share data files but are counted separately: {groups}."
@@ -67,24 +79,6 @@ def fleet_sentences(specimens: Sequence[Specimen], found: FleetStatement) -> tup
         for label, why in found.no_law.items()
     ]
     return tuple(texts)
-
-
-def _warnings(specimens: Sequence[Specimen]) -> list[Remark]:
-    """Number of calibrations with warnings, and the most frequent warning; warnings may differ in their numbers."""
-    warned = [one for one in specimens if one.warnings]
-    if not warned:
-        return []
-    kinds: dict[str, list[tuple[str, str]]] = {}
-    for one in warned:
-        for text in one.warnings:
-            kinds.setdefault(_DIGITS.sub("", text), []).append((one.name, text))
-    often = max(kinds.values(), key=len)
-    name, text = often[0]
-    said = f"{len(warned)} of {len(specimens)} calibrated specimens {'has' if len(warned) == 1 else 'have'} warnings"
-    first = _FIRST.split(text)[0].rstrip(".")
-    n = len(dict.fromkeys(name for name, _ in often))
-    also = f", and the like of {n - 1} more" if n > 1 else ""
-    return [Remark(f"{said}: {first} ({name}){also}. specimens/NAME.json has all.", "warning")]
 
 
 def _names(names: Collection[str]) -> str:

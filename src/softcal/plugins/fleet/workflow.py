@@ -177,34 +177,31 @@ def calibrated_specimen(order: FleetOrder, row: FleetRow) -> State:
     OSError
         Where this machine cannot keep it, such as for a full disk: another may, and the specimen is none that failed.
     """
+    began = time.perf_counter()
+    run = specimen_folder(order.folder, row.name)
     try:
-        one = _calibrated(order, row)
-        write_specimen(one, order.folder)
+        before = read_specimen(order.folder, row.name)
+        if before is not None and before.state == "FAILED":
+            set_aside(row.name, order.folder, "failed")
+        try:
+            project = row_project(order.template, row)
+            if run.is_dir() and inputs_changed(project, run):
+                set_aside(row.name, order.folder, "changed")
+            found = calibrate(project, out=run, resume=run.is_dir(), **order.settings)
+            if found.stopped_by is not None:
+                raise found.stopped_by
+            best = found.headline
+            warnings = tuple(note.text for note in best.notes if note.tone == "warning")
+            one = Specimen(
+                row.name, "DONE", row.factors, best.parameters, best.loss, "", warnings, hashes=project.hashes
+            )
+        except SoftcalError as error:
+            if isinstance(error.__cause__, OSError):
+                raise
+            one = Specimen(row.name, "FAILED", row.factors, reason=str(error))
+        write_specimen(replace(one, seconds=time.perf_counter() - began), order.folder)
     except StorageError as error:
         if isinstance(error.__cause__, OSError):
             raise OSError(str(error)) from error
         raise
     return one.state
-
-
-def _calibrated(order: FleetOrder, row: FleetRow) -> Specimen:
-    began = time.perf_counter()
-    run = specimen_folder(order.folder, row.name)
-    before = read_specimen(order.folder, row.name)
-    if before is not None and before.state == "FAILED":
-        set_aside(row.name, order.folder, "failed")
-    try:
-        project = row_project(order.template, row)
-        if run.is_dir() and inputs_changed(project, run):
-            set_aside(row.name, order.folder, "changed")
-        found = calibrate(project, out=run, resume=run.is_dir(), **order.settings)
-        if found.stopped_by is not None:
-            raise found.stopped_by
-        best = found.headline
-        warnings = tuple(note.text for note in best.notes if note.tone == "warning")
-        one = Specimen(row.name, "DONE", row.factors, best.parameters, best.loss, "", warnings, hashes=project.hashes)
-    except SoftcalError as error:
-        if isinstance(error.__cause__, OSError):
-            raise
-        one = Specimen(row.name, "FAILED", row.factors, reason=str(error))
-    return replace(one, seconds=time.perf_counter() - began)

@@ -24,9 +24,9 @@ from softcal.sensing.sensors.drive import ANGLE, TORQUE
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.actuators.drive import Drive
-from softcal.twin.bores import bores
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
+from softcal.twin.routing import bores
 
 ITS_ELEMENT = P1.name
 STAND_IN = "neo-hooke"  # its law for those by E and nu that it does not have

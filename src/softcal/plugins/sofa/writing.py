@@ -27,7 +27,7 @@ from softcal.plugins.sofa.scene import (
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.plugins.sofa.visual import visual_parameters, write_surfaces
 from softcal.twin.protocol import Protocol, command_faults
-from softcal.twin.robot import Control, Robot
+from softcal.twin.robot import Robot
 from softcal.twin.time_settings import TimeSettings
 from softcal.units import format_quantity
 
@@ -109,12 +109,12 @@ def furthest(protocols: Mapping[str, Protocol]) -> str:
     pressure.
     """
     controls = ("shortening", "angle", "tension", "pressure")
-    return max(protocols, key=lambda name: tuple(_largest(protocols[name], control) for control in controls))
-
-
-def _largest(protocol: Protocol, control: Control) -> float:
-    commands = (command for command in protocol.commands.values() if command.control == control)
-    return max((float(np.abs(command.values).max(initial=0.0)) for command in commands), default=0.0)
+    sizes: dict[str, dict[str, float]] = {name: dict.fromkeys(controls, 0.0) for name in protocols}
+    for name, protocol in protocols.items():
+        for command in protocol.commands.values():
+            largest = float(np.abs(command.values).max(initial=0.0))
+            sizes[name][command.control] = max(sizes[name].get(command.control, 0.0), largest)
+    return max(protocols, key=lambda name: tuple(sizes[name][control] for control in controls))
 
 
 def _readme(

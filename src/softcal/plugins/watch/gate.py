@@ -104,17 +104,14 @@ class Gate:
         if not self._token:
             parts = _HOST.fullmatch(host)
             return b"" if is_loopback("" if parts is None else parts[1]) else ELSEWHERE
-        return b"" if self._is_token(_asked(scope)) or self._is_token(self._kept(headers)) else REFUSED
+        try:
+            kept = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
+        except CookieError:
+            kept = None
+        return b"" if self._is_token(_asked(scope)) or self._is_token("" if kept is None else kept.value) else REFUSED
 
     def _is_token(self, given: str) -> bool:
         return secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
-
-    def _kept(self, headers: dict[str, str]) -> str:
-        try:
-            held = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
-        except CookieError:
-            return ""
-        return "" if held is None else held.value
 
 
 def _asked(scope: Scope) -> str:

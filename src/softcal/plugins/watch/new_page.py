@@ -253,13 +253,27 @@ class NewPage:
         ui.timer(LATER, self._check)
 
     def _look(self) -> None:
-        """Show the files that the folder has now."""
+        """Show the files that the folder has now; each table with a column for each channel where it is a test."""
+        from nicegui import ui
+
         meshes, tables = self._project.files(MESHES), self._project.files(TABLES)
         if list(self._part.options) != meshes:
             self._part.set_options(meshes, value=self._part.value or (meshes[0] if len(meshes) == 1 else None))
         if tables != self._shown_tables:
             self._shown_tables = tables
-            self._show_tables(tables)
+            self._tables.clear()
+            self._pulled.clear()
+            with self._tables:
+                if not tables:
+                    ui.label("No table is in the folder yet: drop it onto this page.").classes("sc-note")
+                for file in tables:
+                    try:
+                        columns = table_columns(self._project.folder / file)
+                    except SoftcalError as error:
+                        ui.label(str(error)).classes("sc-note sc-warn")
+                        continue
+                    with ui.expansion(file).classes("sc-test").props(f'dense data-table="{file}"'):
+                        self._show_columns(file, columns)
 
     def _take(self, **changes: Any) -> None:
         """The draft with changes, and its text."""
@@ -411,24 +425,6 @@ class NewPage:
         cable = DraftCable(tuple(points[:-1]), points[-1] if len(points) > 1 else None)
         self._take(cables={**self._draft.cables, str(self._cable.value): cable})
         self._draw()
-
-    def _show_tables(self, tables: Sequence[str]) -> None:
-        """Each table of the folder, with a column for each channel where it is a test."""
-        from nicegui import ui
-
-        self._tables.clear()
-        self._pulled.clear()
-        with self._tables:
-            if not tables:
-                ui.label("No table is in the folder yet: drop it onto this page.").classes("sc-note")
-            for file in tables:
-                try:
-                    columns = table_columns(self._project.folder / file)
-                except SoftcalError as error:
-                    ui.label(str(error)).classes("sc-note sc-warn")
-                    continue
-                with ui.expansion(file).classes("sc-test").props(f'dense data-table="{file}"'):
-                    self._show_columns(file, columns)
 
     def _show_columns(self, file: str, columns: dict[str, str]) -> None:
         """The channels of a table; the likely columns are chosen when it is made a test."""

@@ -38,7 +38,16 @@ class Packets:
         elif "sid" not in query and len(self._sessions.sockets) >= MOST_SESSIONS:
             await refuse(scope, receive, send, MANY)
         elif scope["type"] == "websocket":
-            await self.app(scope, _page_s_packets(receive), send)
+
+            async def packet() -> MutableMapping[str, Any]:
+                """A message of the websocket, which disconnects at any packet that the page does not send."""
+                message = await receive()
+                text = message.get("text") or ""
+                if message["type"] != "websocket.receive" or text in _UPGRADE or _is_packet(text):
+                    return message
+                return {"type": "websocket.disconnect", "code": 1008}
+
+            await self.app(scope, packet, send)
         elif scope["method"] == "POST":
             await self._take(query.get("sid", ""), scope, receive, send)
         elif (first := await receive())["type"] != "http.disconnect":  # Engine.IO answers those that have hung up too
@@ -69,19 +78,6 @@ class Packets:
             await session.close(wait=False)
             self._sessions.sockets.pop(name, None)
         await refuse(scope, receive, send, FOREIGN)
-
-
-def _page_s_packets(receive: Receive) -> Receive:
-    """The messages of a websocket, which disconnects at any packet that the page does not send."""
-
-    async def packet() -> MutableMapping[str, Any]:
-        message = await receive()
-        text = message.get("text") or ""
-        if message["type"] != "websocket.receive" or text in _UPGRADE or _is_packet(text):
-            return message
-        return {"type": "websocket.disconnect", "code": 1008}
-
-    return packet
 
 
 def _is_packet(text: str) -> bool:

@@ -17,7 +17,6 @@ from softcal.plugins.watch.reading import clean, count, inside, numbers, read_re
 from softcal.plugins.watch.report_figures import report_figures
 from softcal.plugins.watch.trials import TrialReader
 from softcal.plugins.watch.watched import (
-    WatchedResult,
     WatchedRun,
     WatchedScore,
     WatchedSearch,
@@ -122,10 +121,6 @@ class RunReader:
             return WatchedSearch(label, place)
         return self._search(label, f"{place}/{CALIBRATIONS}/{labels[-1]}")
 
-    def _result(self, place: str) -> WatchedResult | None:
-        record = read_record(self.folder, place)
-        return None if record is None else watched_result(record, place)
-
     def _search(self, label: str, place: str) -> WatchedSearch:
         """One search; nothing is read again of one whose files are the same."""
         faults: list[str] = []
@@ -140,7 +135,8 @@ class RunReader:
         settings = settings if isinstance(settings, Mapping) else {}
         reader = self._trials.setdefault(place, TrialReader(self.folder, _joined(place, JOURNAL)))
         trials = told(faults, reader.read) or ()
-        result = told(faults, lambda: self._result(_joined(place, RESULT)))
+        found = told(faults, lambda: read_record(self.folder, _joined(place, RESULT)))
+        result = None if found is None else told(faults, lambda: watched_result(found, _joined(place, RESULT)))
         total = live.total if live is not None and live.total else count(settings.get("trials"))
         search = WatchedSearch(
             clean(label, 200),

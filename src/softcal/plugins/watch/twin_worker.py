@@ -26,7 +26,6 @@ from softcal.report.scene_twin import bending_axes
 
 if TYPE_CHECKING:
     from softcal.project.project import Project
-    from softcal.report.twin_view import TwinView
     from softcal.twin.response import Response
 
 NICE = 10  # below the run itself, which shares the machine
@@ -79,8 +78,17 @@ def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Respons
     from softcal.report.scene import Surface
     from softcal.report.scene_glb import scene_glb
     from softcal.report.scene_twin import displacements, twin_scenes
+    from softcal.workflows.calibrated_shapes import equilibrium_shapes, from_undeformed
+    from softcal.workflows.simulation import twin_view
 
-    found = _view(at_values, names, known)
+    # The twin at rest and at the end of its load path, or a sentence on why it cannot be shown.
+    name, response = next(iter(known.items()), (names[0], None))
+    if response is None:
+        found = from_undeformed(equilibrium_shapes(at_values, names[:1])) or f"{name}: the twin has no shape."
+    elif response.succeeded:
+        found = twin_view(at_values.robot, response) or f"{name}: the twin has one shape only."
+    else:
+        found = f"{name}: {response.status}"
     if isinstance(found, str):
         return {"trouble": found}
     scenes = twin_scenes(found)
@@ -95,18 +103,6 @@ def _shape(at_values: Project, names: Sequence[str], known: Mapping[str, Respons
     path.write_bytes(scene_glb(bent.parts, outlines, up, level))
     largest = max((float(values.max()) for values in displacements(found.rest, found.bent).values()), default=0.0)
     return {"title": found.bent.label, "largest": largest}
-
-
-def _view(at_values: Project, names: Sequence[str], known: Mapping[str, Response]) -> TwinView | str:
-    """The twin at rest and at the end of its load path, or a sentence on why it cannot be shown."""
-    from softcal.workflows.calibrated_shapes import equilibrium_shapes, from_undeformed
-    from softcal.workflows.simulation import twin_view
-
-    for name, response in known.items():
-        if not response.succeeded:
-            return f"{name}: {response.status}"
-        return twin_view(at_values.robot, response) or f"{name}: the twin has one shape only."
-    return from_undeformed(equilibrium_shapes(at_values, names[:1])) or f"{names[0]}: the twin has no shape."
 
 
 if __name__ == "__main__":

@@ -198,11 +198,15 @@ def watched_result(record: Mapping[str, Any], place: str) -> WatchedResult:
             low, high = map(finite, ends)
             if low is not None and high is not None and low <= value <= high:
                 interval = low, high
+        try:
+            is_unit = unit_factor(unit, unit) == 1.0
+        except ValueError:
+            is_unit = False
         has_no = [
             what
             for what, is_there in (
                 ("value", value is not None),
-                ("unit", _is_unit(unit)),
+                ("unit", is_unit),
                 ("interval", interval is not None or ends is None),
             )
             if not is_there
@@ -216,13 +220,6 @@ def watched_result(record: Mapping[str, Any], place: str) -> WatchedResult:
         clean(record.get("status")),
         tuple(clean(note) for note in (notes if isinstance(notes, list) else [])[:100]),
     )
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        return unit_factor(text, text) == 1.0
-    except ValueError:
-        return False
 
 
 def watched_score(record: Mapping[str, Any]) -> WatchedScore:

@@ -62,7 +62,12 @@ def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Mis
     for name, fit in result.experiments.items():
         for of, word in in_words(fit.rmse):
             channel = str(of)
-            error, sigma = fit.rmse[channel], _noise(data[name], channel) if name in data else None
+            error, sigma = fit.rmse[channel], 0.0  # the noise, as root mean square over the samples, if it is known
+            channels = data[name].channels if name in data else {}
+            if (noise := channels.get(str(of.deviation))) is not None:
+                sigma = float(np.sqrt(np.nanmean(noise.values**2)))
+            elif channel in channels:
+                sigma = channels[channel].sigma
             in_noise = error / sigma if sigma else None
             yield Miss(name, word, error, of.kind.unit, share_of_range(fit, channel), in_noise, of.carrier)
 
@@ -78,15 +83,6 @@ def in_words(channels: Iterable[str]) -> list[tuple[ChannelName, str]]:
 def of_carrier(word: str, carrier: str) -> str:
     """The word for a channel, with what carries it unless its name is short."""
     return f"{word} of {carrier}" if carrier else word
-
-
-def _noise(data: Dataset, channel: str) -> float | None:
-    """Noise of a channel [SI]: root mean square over its samples; None if not known."""
-    channels = data.channels
-    noise = channels.get(str(channel_name(channel).deviation))
-    if noise is not None:
-        return float(np.sqrt(np.nanmean(noise.values**2)))
-    return channels[channel].sigma if channel in channels and channels[channel].sigma > 0 else None
 
 
 def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[Remark]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from softcal.analysis.mesh_changes import pooled
-from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import mesh_verdicts, shift_text
 from softcal.calibration.results.digits import estimate_text, shown, with_unit
 from softcal.report.content import ReportContent
@@ -23,13 +22,6 @@ def mesh(content: ReportContent) -> Iterator[Block]:
     if study is not None:
         yield from mesh_verdicts(study)
     yield Gallery()
-    yield _mesh_parameters(study)
-    yield _mesh_changes(study)
-    for note in () if study is None else study.notes:
-        yield Small(note)
-
-
-def _mesh_parameters(study: MeshStudy | None) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
     for label, estimate in study.parameters.items() if study is not None else ():
         for mesh in study.finer if study is not None else ():
@@ -44,36 +36,23 @@ def _mesh_parameters(study: MeshStudy | None) -> ReportTable:
         "h/2: every element halved, h/4: halved twice; limit: extrapolated from both to zero element size; s.e.: "
         "standard errors from noise. The shifts are first order, by the exact derivatives on the finer mesh."
     )
-    return ReportTable(
+    yield ReportTable(
         "mesh-study", "Estimates expected on finer meshes", tuple(Column(h) for h in heads), tuple(rows), note
     )
-
-
-def _mesh_changes(study: MeshStudy | None) -> ReportTable:
-    rows: list[tuple[Cell, ...]] = []
+    changes: list[tuple[Cell, ...]] = []
     for mesh in study.finer if study is not None else ():
         for name, change in pooled(mesh.changes).items():
             scale = scale_of(change.unit)
-            rows.append(
-                (
-                    mesh.name,
-                    name,
-                    f"{number(change.rms / scale.factor)} {scale.unit}".rstrip(),
-                    None if change.share is None else 100 * change.share,
-                    change.rms / change.residual if change.residual else None,
-                    change.rms / change.noise if change.noise else None,
-                    change.order,
-                )
-            )
+            size = f"{number(change.rms / scale.factor)} {scale.unit}".rstrip()
+            share = None if change.share is None else 100 * change.share
+            ratios = (change.rms / of if of else None for of in (change.residual, change.noise))
+            changes.append((mesh.name, name, size, share, *ratios, change.order))
         if mesh.failure:
-            rows.append((mesh.name, f"not simulated: {mesh.failure}", None, None, None, None, None))
-    columns = (
-        Column("Discretisation"),
-        Column("Channel"),
-        Column("Change, RMS"),
-        Column("of the channel", "%", 2),
-        Column("over its RMSE"),
-        Column("over its noise"),
-        Column("Order", digits=2),
-    )
-    return ReportTable("mesh-study-channels", "Changes by finer meshes at the calibrated values", columns, tuple(rows))
+            changes.append((mesh.name, f"not simulated: {mesh.failure}", None, None, None, None, None))
+    columns = [Column(head) for head in ("Discretisation", "Channel", "Change, RMS")]
+    columns += [Column("of the channel", "%", 2), Column("over its RMSE"), Column("over its noise")]
+    columns += [Column("Order", digits=2)]
+    title = "Changes by finer meshes at the calibrated values"
+    yield ReportTable("mesh-study-channels", title, tuple(columns), tuple(changes))
+    for note in () if study is None else study.notes:
+        yield Small(note)

@@ -10,8 +10,8 @@ from softcal.analysis.candidate import Candidate, controls_of
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.problem import Problem
 from softcal.sensing.channel import ChannelName, other_of, positions
-from softcal.sensing.sensors.cable import TENSION
-from softcal.sensing.sensors.plate import ANGLES
+from softcal.sensing.sensors.actuators import TENSION
+from softcal.sensing.sensors.pose import ANGLES
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import PointLoad
 

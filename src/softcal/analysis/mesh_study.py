@@ -35,8 +35,7 @@ from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.errors import MeshError, SimulationError
-from softcal.executors.chosen import executor_of
-from softcal.executors.each import LostCall, each
+from softcal.executors.each import LostCall, each, executor_of
 from softcal.executors.executor import Executor
 from softcal.html_text import summary
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
@@ -344,12 +343,8 @@ def _limit(model: _Model, once: Evaluation, twice: Evaluation) -> Finer | None:
             np.concatenate([found[i].measured + found[i].residual for i in members])
             for found in (model.base.blocks, once.blocks, twice.blocks)
         )
-        change, last = second - first, third - second
-        if rms(last) <= 2.0 * TOLERANCE * float(np.abs(third).max(initial=0.0)):
-            continue
-        left = float(change @ last) / max(float(change @ change), 1e-300)
-        is_plausible = 2.0 ** -ORDERS[1] <= left <= 2.0 ** -ORDERS[0]
-        if not is_plausible or not np.linalg.norm(last - left * change) <= 0.5 * np.linalg.norm(last):
+        left = _convergence(first, second, third)
+        if left is None:
             continue
         orders[key] = -math.log2(left)
         for i in members:
@@ -364,6 +359,17 @@ def _limit(model: _Model, once: Evaluation, twice: Evaluation) -> Finer | None:
         return None
     what = "extrapolated to zero element size"
     return model.judged(blocks, Finer(LIMIT, what, None), orders)
+
+
+def _convergence(first: Floats, second: Floats, third: Floats) -> float | None:
+    """Ratio of a channel's successive changes by halving; None if it gives no plausible order of convergence."""
+    before, after = second - first, third - second
+    if rms(after) <= 2.0 * TOLERANCE * float(np.abs(third).max(initial=0.0)):
+        return None
+    left = float(before @ after) / max(float(before @ before), 1e-300)
+    if not 2.0 ** -ORDERS[1] <= left <= 2.0 ** -ORDERS[0]:
+        return None
+    return left if float(np.linalg.norm(after - left * before)) <= 0.5 * float(np.linalg.norm(after)) else None
 
 
 def _halved_words(n: int) -> str:

@@ -18,9 +18,8 @@ from softcal.project.bench_schema import BenchFile, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, noise_in
 from softcal.sensing.channel import carriers, channel_name, channel_unit, kinds, positions
-from softcal.sensing.sensors.cable import TENSION
-from softcal.sensing.sensors.chamber import FLOW, VOLUME
-from softcal.sensing.sensors.plate import ANGLES
+from softcal.sensing.sensors.actuators import FLOW, TENSION, VOLUME
+from softcal.sensing.sensors.pose import ANGLES
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.robot import PointLoad, Robot

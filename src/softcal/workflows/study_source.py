@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
-from softcal.names import JOINT
+from softcal.limits import JOINT
 from softcal.project.project import Project, ProjectSource, load
 
 if TYPE_CHECKING:
@@ -86,6 +86,8 @@ def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, c
     InputError
         For any other path, an unknown calibration or a sweep, values for a run or for a project that is loaded already,
         or a project without measurements or free parameters.
+    ParameterError
+        For a project's value of a free parameter outside its bounds.
     StorageError
         For a folder that holds no run.
     """

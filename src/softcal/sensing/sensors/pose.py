@@ -1,4 +1,4 @@
-"""The pose of a plate: its position, and its angles as an IMU measures them."""
+"""The position of a marker, as cameras measure it, and the pose of a plate with its angles, as an IMU measures them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,28 @@ from softcal.checks import Floats
 from softcal.quantities import QUANTITIES
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture, PostureRates, Sensor, register_sensor
-from softcal.sensing.sensors.marker import POSITION
+
+POSITION = tuple(
+    ChannelKind(name, "m", axis=axis, noise=5e-4)  # a camera and a print
+    for axis, name in enumerate("xyz")
+)
+
+
+@register_sensor
+@dataclass(frozen=True)
+class MarkerSensor(Sensor):
+    """Position [m] of a marker in the robot's frame."""
+
+    marker: str
+    name: ClassVar[str] = "marker"
+    kinds: ClassVar[tuple[ChannelKind, ...]] = POSITION
+    of: ClassVar[str] = "markers"
+
+    def sense(self, robot: Posture) -> Floats:
+        return robot.point(self.marker)
+
+    def rates(self, robot: Posture, moving: PostureRates) -> Floats:
+        return moving.point(self.marker)
 
 
 def _angle(name: str, compared: int = 0) -> ChannelKind:

@@ -48,8 +48,7 @@ from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.calibration.statistics.misfit import CONTACT, DRIFT, FRICTION, LAW, OFFSET
 from softcal.calibration.statistics.residuals import ResidualRecord
-from softcal.executors.chosen import executor_of, executor_on
-from softcal.executors.each import results
+from softcal.executors.each import executor_of, executor_on, results
 from softcal.executors.executor import Executor
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import Project, load

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from softcal.errors import SoftcalError as SoftcalError
     from softcal.errors import StorageError as StorageError
     from softcal.errors import UnitError as UnitError
-    from softcal.executors.chosen import executor_on as executor_on
+    from softcal.executors.each import executor_on as executor_on
     from softcal.executors.executor import Executor as Executor
     from softcal.executors.executor import register_executor as register_executor
     from softcal.experiments.dataset import Channel as Channel
@@ -264,7 +264,7 @@ _HOMES = {
     "calibrate": "softcal.workflows.calibration",
     "check": "softcal.workflows.checking",
     "compare_records": "softcal.workflows.whole_record",
-    "executor_on": "softcal.executors.chosen",
+    "executor_on": "softcal.executors.each",
     "helix": "softcal.geometry.centreline",
     "importance": "softcal.workflows.importance",
     "intervals": "softcal.workflows.intervals",

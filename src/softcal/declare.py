@@ -342,7 +342,11 @@ class ByShape:
         readers = {_shape(member): TypeAdapter(member) for member in reversed(members)}
 
         def read(value: Any) -> Any:
-            return readers.get(_shape_given(value), readers[_shape(members[0])]).validate_python(value)
+            shape = "mapping" if isinstance(value, dict) else "value"
+            if isinstance(value, list):
+                rows: list[object] = value
+                shape = "table" if any(isinstance(row, list) for row in rows) else "list"
+            return readers.get(shape, readers[_shape(members[0])]).validate_python(value)
 
         return Reading(read, "instead").__get_pydantic_core_schema__(source, handler)
 
@@ -353,14 +357,6 @@ def _shape(hint: Any) -> str:
     if origin is tuple:
         return "table" if get_origin(of[0]) is tuple else "list"
     return _shape(of[0]) if origin is Annotated else "mapping" if origin is Mapping else "value"
-
-
-def _shape_given(value: object) -> str:
-    """The shape of a file's value."""
-    if isinstance(value, list):
-        rows: list[object] = value
-        return "table" if any(isinstance(row, list) for row in rows) else "list"
-    return "mapping" if isinstance(value, dict) else "value"
 
 
 class Family(Protocol):

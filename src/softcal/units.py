@@ -162,21 +162,6 @@ def _registry() -> pint.UnitRegistry[Any]:
     return registry
 
 
-def _pint_errors() -> tuple[type[Exception], ...]:
-    """Exceptions of pint for text that is no unit; its parser adds Python's own."""
-    import pint
-
-    return (
-        pint.errors.PintError,
-        tokenize.TokenError,
-        ArithmeticError,
-        AssertionError,
-        SyntaxError,
-        TypeError,
-        ValueError,
-    )
-
-
 @functools.lru_cache(maxsize=1000)
 def _base(unit: str) -> tuple[float, str] | None:
     """Factor to base units, and the dimension; None if the text is no unit."""
@@ -189,10 +174,14 @@ def by_pint(unit: str) -> tuple[float, str] | None:
     text = _SPELLINGS.get(text, _BARE_POWER.sub(r"^\1", text.translate(_SIGNS)))
     if len(text) > _LONGEST or _UNIT.fullmatch(text) is None:
         return None
+    import pint
+
+    # Its parser adds Python's own.
+    of_python = (tokenize.TokenError, ArithmeticError, AssertionError, SyntaxError, TypeError, ValueError)
     registry = _registry()
     try:
         one = registry.Quantity(1.0, registry.parse_units(text)).to_base_units()
-    except _pint_errors():
+    except (pint.errors.PintError, *of_python):
         return None
     return float(one.magnitude), str(one.dimensionality)
 
@@ -265,7 +254,10 @@ def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
             raise _unreadable(value, si_unit, where, attempt)
         number, unit = float(match[1].replace("−", "-")), match[2]
     else:
-        number, unit = _as_float(value), ""
+        try:
+            number, unit = float(value), ""
+        except OverflowError:
+            number, unit = math.inf, ""
     if not unit and si_unit != "1" and number != 0:
         raise UnitError(
             Fault(
@@ -314,13 +306,6 @@ def sensor_factor(unit: str, constant: str, si_unit: str, *, where: str = "") ->
             return float(parse_quantity(constant, way) ** power)
     got, allowed = f"'{constant}' for a column in '{unit}'", f"a number in {si_unit} per {unit}, or the reverse"
     raise UnitError(Fault("the constant does not convert the column's unit to its channel's", where, got, allowed))
-
-
-def _as_float(value: float) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf
 
 
 def format_quantity(value: float, si_unit: str, unit: str | None = None, *, digits: int = 4) -> str:

@@ -53,11 +53,8 @@ from softcal.project.rod_schema import RodMaterialSection, RodSection
 from softcal.project.section import Section, validated
 from softcal.project.sections import SECTIONS
 from softcal.sensing.sensor import ActuatorSensor
-from softcal.sensing.sensors.cable import CableSensor
-from softcal.sensing.sensors.chamber import ChamberSensor
-from softcal.sensing.sensors.drive import DriveSensor
-from softcal.sensing.sensors.marker import MarkerSensor
-from softcal.sensing.sensors.plate import PlateSensor
+from softcal.sensing.sensors.actuators import CableSensor, ChamberSensor, DriveSensor
+from softcal.sensing.sensors.pose import MarkerSensor, PlateSensor
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.actuators.drive import Drive
 from softcal.twin.barrier import Contact

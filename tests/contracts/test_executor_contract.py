@@ -13,8 +13,7 @@ import pytest
 from dask_cluster import dask_cluster, wait_for_workers
 
 from softcal.errors import CalibrationError, ParameterError
-from softcal.executors.chosen import executor_on
-from softcal.executors.each import LostCall, each, results
+from softcal.executors.each import LostCall, each, executor_on, results
 from softcal.executors.executor import EXECUTORS, Executor, Patience, WorkerLost, register_executor
 from softcal.executors.kinds.local import LocalExecutor
 from softcal.plugins.cluster.dask_executor import DaskExecutor

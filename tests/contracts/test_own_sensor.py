@@ -21,7 +21,7 @@ from softcal.plugins.calculix.crosscheck import crosscheck
 from softcal.plugins.sofa.response import RecordPosture
 from softcal.sensing.channel import kinds
 from softcal.sensing.sensor import SENSORS
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.actuators import TENSION
 from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate as respond

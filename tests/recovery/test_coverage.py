@@ -15,7 +15,7 @@ from benchmarks import coverage
 from benchmarks.neck_case import PITCH, TENSION, pull
 from benchmarks.table_twins import NU, E, NeckTable
 from softcal.calibration.run import calibrate
-from softcal.executors.chosen import executor_on
+from softcal.executors.each import executor_on
 from softcal.twin.parameters import with_parameters
 from softcal.twin.simulate import simulate
 

@@ -33,8 +33,7 @@ from softcal.calibration.search.search import Progress
 from softcal.calibration.sweep import sweep
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError
-from softcal.executors.chosen import executor_on
-from softcal.executors.each import LostCall, each
+from softcal.executors.each import LostCall, each, executor_on
 from softcal.executors.executor import Patience
 from softcal.executors.shared import call
 from softcal.plugins.cluster import dask_executor

@@ -14,8 +14,8 @@ from test_calibration_run import same
 from typer.testing import CliRunner
 
 from softcal.calibration.results.result_reading import load_result
-from softcal.cli.app import app
-from softcal.executors.chosen import executor_on
+from softcal.cli import app
+from softcal.executors.each import executor_on
 from softcal.plugins.fleet.workflow import fleet
 
 pytest.importorskip("distributed")

@@ -12,7 +12,7 @@ from project_case import write_project
 from robot_case import write_robot
 from typer.testing import CliRunner
 
-from softcal.cli.app import app
+from softcal.cli import app
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from mechanics_cases import column_robot, twin_and_theta
 
 from softcal.mechanics.state import difference, exponential, logarithm, moved, rest_state
-from softcal.sensing.sensors.plate import angles
+from softcal.sensing.sensors.pose import angles
 from softcal.twin.sensors import channel_units, sense, sense_rates
 
 vector = st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array)

@@ -13,7 +13,7 @@ from mechanics_cases import column_robot, elastic
 from project_case import write_project
 from typer.testing import CliRunner
 
-from softcal.cli.app import app
+from softcal.cli import app
 from softcal.cli.calibration_bars import CalibrationBars, calibration_progress
 from softcal.cli.calibration_lines import CalibrationLines
 from softcal.cli.calibration_table import result_line, value_text

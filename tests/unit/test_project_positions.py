@@ -14,7 +14,7 @@ from project_text import changed
 from typer.testing import CliRunner
 
 from softcal.calibration.problem.frame import rotation
-from softcal.cli.app import app
+from softcal.cli import app
 from softcal.errors import InputError, ProjectFileError
 from softcal.project.project import Project, load
 from softcal.report.section import all_tables

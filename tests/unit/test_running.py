@@ -12,7 +12,7 @@ import pytest
 from project_case import write_project
 from typer.testing import CliRunner
 
-from softcal.cli.app import app
+from softcal.cli import app
 from softcal.cli.commands import export_commands, simulate_command
 from softcal.cli.running import clock, motion_bars, steps
 

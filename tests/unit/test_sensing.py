@@ -12,8 +12,8 @@ from softcal.calibration.results.result import Distance, ExperimentFit
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.plausibility import check_plausible
 from softcal.sensing.channel import ChannelName, carriers, channel_name, channel_unit, kinds, positions
-from softcal.sensing.sensors.cable import TENSION
-from softcal.sensing.sensors.plate import PITCH
+from softcal.sensing.sensors.actuators import TENSION
+from softcal.sensing.sensors.pose import PITCH
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from project_case import bench_csv, write_project
 from test_experiments_synchronise import MOVED, imu, utm
 from typer.testing import CliRunner
 
-from softcal.cli.app import app
+from softcal.cli import app
 from softcal.experiments.synchronise import CommonMotion, clock_warning, synchronise
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh

@@ -13,7 +13,7 @@ from project_case import bar_robot
 
 from softcal.export.reduced import evaluator_of
 from softcal.report.twin_view import TwinFrame
-from softcal.sensing.sensors.plate import angles
+from softcal.sensing.sensors.pose import angles
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate

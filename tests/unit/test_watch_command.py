@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 from watch_case import write_run
 
 import softcal
-from softcal.cli.app import app
+from softcal.cli import app
 from softcal.plugins.watch import server
 from softcal.processes import beside
 from softcal.workflows import watching

@@ -23,7 +23,7 @@ from softcal.checks import Floats
 from softcal.errors import Fault, InputError, SimulationError, unknown
 from softcal.executors.executor import Executor
 from softcal.sensing.channel import ChannelName
-from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.actuated import faults_of_limits
 from softcal.twin.parameters import robot_parameters, with_shape
 from softcal.twin.protocol import command_faults

@@ -10,10 +10,10 @@ from softcal.analysis.candidate import Candidate, controls_of
 from softcal.calibration.problem.experiment import Experiment
 from softcal.calibration.problem.problem import Problem
 from softcal.sensing.channel import ChannelName, other_of, positions
-from softcal.sensing.sensors.cable import TENSION
-from softcal.sensing.sensors.plate import ANGLES
+from softcal.sensing.sensors.actuators import TENSION
+from softcal.sensing.sensors.pose import ANGLES
 from softcal.twin.parameters import robot_parameters
-from softcal.twin.robot import PointLoad, Robot
+from softcal.twin.robot import PointLoad
 
 FURTHER, LESS_FAR = 1.5, 0.5
 BETTER = 5.0  # times less noise
@@ -43,7 +43,21 @@ def default_candidates(problem: Problem) -> list[Candidate]:
         # If the bench has measured how far that goes.
         if any(like.twin_channel(c) == ChannelName(other, driven.carrier) for c in like.dataset.channels):
             found.append(Candidate(name=f"{like.name} by {other.name}", like=like.name, control=other.name))
-    found += _more_sensors(problem.robot, like)
+    # With a channel of each driven actuator, angles of each plate and positions of all markers, unless compared.
+    seen = {like.twin_channel(channel) for channel in (*like.compared, *like.drives)}
+    for driven in map(like.twin_channel, like.drives):
+        reverse = ChannelName(other_of(driven.kind), driven.carrier)
+        if reverse not in seen:
+            found.append(_measured(f"{like.name} with the {reverse.kind.name}", like, [reverse]))
+    for plate in problem.robot.plates:
+        angles = [ChannelName(kind, plate.name) for kind in ANGLES]
+        if not seen & set(angles):
+            found.append(_measured(f"{like.name} with an IMU on {plate.name}", like, angles))
+    markers = problem.robot.markers
+    points = [part.name for part in (markers or problem.robot.plates)]
+    new = [place for point in points for place in positions(point) if place not in seen]
+    if new and len(new) == 3 * len(points):
+        found.append(_measured(f"{like.name} with positions of {'markers' if markers else 'plates'}", like, new))
     # An instrument is that of positions, or of any other kind of channel.
     kinds: dict[str, list[str]] = {}
     for channel in like.compared:
@@ -85,26 +99,6 @@ def _effort(experiment: Experiment) -> float:
     kinds = {c: experiment.twin_channel(c).kind for c in experiment.dataset.channels}
     sizes = {c: float(np.nanmax(np.abs(experiment.dataset.values(c)))) for c in kinds if kinds[c].drives == "effort"}
     return max((size / (kinds[c].noise or 1.0) for c, size in sizes.items()), default=0.0)
-
-
-def _more_sensors(robot: Robot, like: Experiment) -> Iterable[Candidate]:
-    """Tests with a channel of each driven actuator, the angles of each plate and the positions of all markers, unless
-    compared.
-    """
-    seen = {like.twin_channel(channel) for channel in (*like.compared, *like.drives)}
-    for channel in like.drives:
-        driven = like.twin_channel(channel)
-        other = ChannelName(other_of(driven.kind), driven.carrier)
-        if other not in seen:
-            yield _measured(f"{like.name} with the {other.kind.name}", like, [other])
-    for plate in robot.plates:
-        angles = [ChannelName(kind, plate.name) for kind in ANGLES]
-        if not seen & set(angles):
-            yield _measured(f"{like.name} with an IMU on {plate.name}", like, angles)
-    points = [part.name for part in (robot.markers or robot.plates)]
-    new = [place for point in points for place in positions(point) if place not in seen]
-    if new and len(new) == 3 * len(points):
-        yield _measured(f"{like.name} with positions of {'markers' if robot.markers else 'plates'}", like, new)
 
 
 def _measured(name: str, like: Experiment, channels: Sequence[ChannelName]) -> Candidate:

@@ -17,7 +17,7 @@ from softcal.calibration.problem.problem import Problem, Simulate
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.sensing.channel import ChannelName, channel_name
-from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.parameters import parameter_values
 from softcal.twin.proportional import is_proportional
 from softcal.twin.protocol import Command, Protocol

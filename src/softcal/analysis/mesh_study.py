@@ -35,8 +35,7 @@ from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.checks import Floats
 from softcal.display import displayed
 from softcal.errors import MeshError, SimulationError
-from softcal.executors.chosen import executor_of
-from softcal.executors.each import LostCall, each
+from softcal.executors.each import LostCall, each, executor_of
 from softcal.executors.executor import Executor
 from softcal.html_text import summary
 from softcal.mechanics.elements import DEFAULT, ELEMENTS

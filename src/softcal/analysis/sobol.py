@@ -12,7 +12,6 @@ them as independent, and is ten times as long here.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +86,7 @@ def sobol_indices(values: Floats, size: int, error: float = 0.0) -> Indices:
     error
         Root mean square of a surrogate's error over the standard deviation of the output.
     """
+    from SALib.analyze.sobol import analyze
     from scipy.special import stdtrit
 
     components = values - values.mean(axis=0)
@@ -95,36 +95,26 @@ def sobol_indices(values: Floats, size: int, error: float = 0.0) -> Indices:
         _, sizes, axes = np.linalg.svd(some, full_matrices=False)
         left = 1 - np.cumsum(sizes**2) / np.sum(sizes**2)
         components = np.asarray(components @ axes[: int(np.argmax(left <= _LEFT)) + 1].T, dtype=np.float64)
-    found = np.array([_one(part, size) for part in np.split(components, REPEATS)])
+    found = np.zeros((REPEATS, 2 * size + len(_pairs(size))))  # a row by randomisation: first order, total, pairs
+    for row, part in zip(found, np.split(components, REPEATS), strict=True):
+        variances = part.var(axis=0)
+        for share, component in zip(variances / variances.sum(), part.T, strict=True):
+            if share > 0.0:
+                one = analyze(_box(size), component, num_resamples=_RESAMPLES, seed=np.random.default_rng(0))
+                row += share * np.array([*one["S1"], *one["ST"], *(one["S2"][pair] for pair in _pairs(size))])
     sampling = float(stdtrit(REPEATS - 1, 0.975)) * found.std(axis=0, ddof=1) / np.sqrt(REPEATS)
-    all_of = [_index(float(v), float(e), error) for v, e in zip(found.mean(axis=0), sampling, strict=True)]
+    # An index is the squared cosine of the angle between the output and its part by some parameters; the surrogate's
+    # error turns the output by an angle of that sine at most.
+    mean = found.mean(axis=0)
+    inside = np.minimum(np.maximum(mean, 0.0), 1.0)
+    errors = sampling + error * (2 * np.sqrt(inside * (1 - inside)) + error)
+    all_of = [Index(*one) for one in zip(mean.tolist(), errors.tolist(), strict=True)]
     pairs = [(i, j, index) for (i, j), index in zip(_pairs(size), all_of[2 * size :], strict=True)]
     return Indices(tuple(all_of[:size]), tuple(all_of[size : 2 * size]), tuple(pairs))
 
 
-def _one(components: Floats, size: int) -> Floats:
-    """All indices from one randomisation, in a row: first order, total, pairs."""
-    from SALib.analyze.sobol import analyze
-
-    found = np.zeros(2 * size + len(_pairs(size)))
-    variances = components.var(axis=0)
-    for share, component in zip(variances / variances.sum(), components.T, strict=True):
-        if share > 0.0:
-            one = analyze(_box(size), component, num_resamples=_RESAMPLES, seed=np.random.default_rng(0))
-            found += share * np.array([*one["S1"], *one["ST"], *(one["S2"][pair] for pair in _pairs(size))])
-    return found
-
-
 def _pairs(size: int) -> list[tuple[int, int]]:
     return [(i, j) for i in range(size) for j in range(i + 1, size)]
-
-
-def _index(value: float, sampling: float, error: float) -> Index:
-    """An index and its error. The index is the squared cosine of the angle between the output and its part by some
-    parameters; the surrogate's error turns the output by an angle of that sine at most.
-    """
-    inside = min(max(value, 0.0), 1.0)
-    return Index(value, sampling + error * (2 * math.sqrt(inside * (1 - inside)) + error))
 
 
 def _box(size: int) -> dict[str, object]:

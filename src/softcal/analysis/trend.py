@@ -74,10 +74,13 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
 
     records: experiment -> its record with times, for the speeds.
     """
-    known: dict[Condition, Mapping[str, float]] = {
-        "amplitude": _amplitudes(result),
-        "speed": _speeds(result, records or {}),
-    }
+    drives = {name: _drives(fit) for name, fit in result.experiments.items()}
+    kinds = [{channel_name(drive).kind.name for drive in held} for held in drives.values()]
+    largest: dict[str, float] = {}  # none if different channels drove the experiments
+    if all(kind == kinds[0] and len(kind) == 1 for kind in kinds):
+        of = {name: fit.measured for name, fit in result.experiments.items()}
+        largest = {name: max(float(np.nanmax(np.abs(of[name][d]))) for d in held) for name, held in drives.items()}
+    known: dict[Condition, Mapping[str, float]] = {"amplitude": largest, "speed": _speeds(result, records or {})}
     found: list[Trend] = []
     for name, spread in result.spreads.items():
         if not spread.differs or len(spread.values) < _FEWEST:
@@ -138,16 +141,6 @@ def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:
     if error == 0.0:
         return steep, 0.0 if steep else 1.0
     return steep, float(2.0 * stdtr(dof, -abs(steep) / error))
-
-
-def _amplitudes(result: SearchResult) -> dict[str, float]:
-    """Largest magnitude of each experiment's drive [SI]; empty if they were driven by different channels."""
-    drives = {name: _drives(fit) for name, fit in result.experiments.items()}
-    kinds = [{channel_name(drive).kind.name for drive in held} for held in drives.values()]
-    if any(kind != kinds[0] or len(kind) != 1 for kind in kinds):
-        return {}
-    fits = result.experiments
-    return {name: max(float(np.nanmax(np.abs(fits[name].measured[d]))) for d in held) for name, held in drives.items()}
 
 
 def _speeds(result: SearchResult, records: Mapping[str, Dataset]) -> dict[str, float]:

@@ -21,7 +21,7 @@ from softcal.calibration.search.shared_search import Sharing, require_shareable,
 from softcal.calibration.statistics.estimate import Remark
 from softcal.calibration.statistics.mesh_error import with_mesh_error
 from softcal.declare import checked_arguments
-from softcal.executors.chosen import Workers
+from softcal.executors.each import Workers
 
 
 @checked_arguments

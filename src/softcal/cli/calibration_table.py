@@ -46,7 +46,7 @@ def print_results(
         return
     from rich.table import Table
 
-    from softcal.names import JOINT
+    from softcal.limits import JOINT
     from softcal.report.content import first_label, judged
     from softcal.report.first_screen import FirstScreen, three_sentences
     from softcal.report.format import worst

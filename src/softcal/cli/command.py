@@ -143,7 +143,14 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         verbose = bool(kwargs.get(VERBOSE, False) if has_own else kwargs.pop(VERBOSE, False))
         try:
-            _require_settings_of_numba()
+            # Numba's file in the present folder may be a stranger's project and name where compiled code is taken from.
+            name, threads = ".numba_config.yaml", os.environ.get("NUMBA_NUM_THREADS", "1")
+            if os.path.lexists(name):
+                what = "Numba would take its settings from this file, and run the compiled code that it names"
+                raise InputError(Fault(what, name, attempt="another present folder, or remove the file"))
+            if not re.fullmatch("0*[1-9][0-9]{0,5}", threads, re.ASCII):
+                what, where = "this is no number of threads", "NUMBA_NUM_THREADS in the environment"
+                raise InputError(Fault(what, where, repr(threads[:40]), "1 or more, or not set"))
             # The system accepts every given path; the command itself checks what it refers to.
             faults: list[Fault] = []
             for path in (one for value in kwargs.values() for one in (value if isinstance(value, list) else [value])):
@@ -174,24 +181,6 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     run.__dict__["__signature__"] = signature.replace(parameters=parameters)
     run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run
-
-
-def _require_settings_of_numba() -> None:
-    """Check the settings that Numba takes from its surroundings: none from a file in the present folder, which may be a
-    stranger's project and name where compiled code is taken from, and a number of threads that is one.
-
-    Raises
-    ------
-    InputError
-        Where the file is there, or the number is none.
-    """
-    name, threads = ".numba_config.yaml", os.environ.get("NUMBA_NUM_THREADS", "1")
-    if os.path.lexists(name):
-        what = "Numba would take its settings from this file, and run the compiled code that it names"
-        raise InputError(Fault(what, name, attempt="another present folder, or remove the file"))
-    if not re.fullmatch("0*[1-9][0-9]{0,5}", threads, re.ASCII):
-        what, where = "this is no number of threads", "NUMBA_NUM_THREADS in the environment"
-        raise InputError(Fault(what, where, repr(threads[:40]), "1 or more, or not set"))
 
 
 @contextmanager

@@ -141,7 +141,7 @@ def executor_told(on: str, workers: int | None) -> Generator[Executor]:
     InputError
         Where there is no such executor, or it cannot be had.
     """
-    from softcal.executors.chosen import executor_on
+    from softcal.executors.each import executor_on
 
     with executor_on(on, workers) as executor:
         if not executor.here:

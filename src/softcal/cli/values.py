@@ -116,21 +116,19 @@ def calibration_options(given: list[str] | None, typed: Mapping[str, object]) ->
         As `parsed_pairs`; for a name that is no setting, or is also set by an option of its own.
     """
     options = parsed_pairs(given, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
-    both = [name for name in options if typed.get(name) is not None]
-    if both:
-        shown = [f"'{_flag(name, typed[name])}' and '--option {name}={options[name]}'" for name in both]
-        raise InputError([Fault("the name is given twice", "--option", got, "each name once") for got in shown])
+    faults: list[Fault] = []
+    for name, value in ((name, typed[name]) for name in options if typed.get(name) is not None):
+        dashed = name.replace("_", "-")
+        flag = f"--{'' if value else 'no-'}{dashed}" if isinstance(value, bool) else f"--{dashed} {value}"
+        got = f"'{flag}' and '--option {name}={options[name]}'"
+        faults.append(Fault("the name is given twice", "--option", got, "each name once"))
+    if faults:
+        raise InputError(faults)
     if options:
         from softcal.workflows.calibration import require_options
 
         require_options(options)
     return {name: scalar(text) for name, text in options.items()}
-
-
-def _flag(name: str, value: object) -> str:
-    """An option with its value in command-line syntax."""
-    dashed = name.replace("_", "-")
-    return f"--{'' if value else 'no-'}{dashed}" if isinstance(value, bool) else f"--{dashed} {value}"
 
 
 def scalar(text: str) -> int | float | str:

@@ -15,7 +15,7 @@ from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
 from softcal.sensing.channel import ChannelName, channel_name, of_actuator
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.sensors.actuators import SHORTENING, TENSION
 from softcal.units import format_quantity, readable_unit, unit_factor
 
 _OTHER_WAY = 2.0  # times what it reaches one way, the effort must reach the other way: a motor may turn to and fro

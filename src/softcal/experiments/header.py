@@ -14,7 +14,7 @@ from softcal.experiments.orientation import QUATERNION
 from softcal.experiments.table import Table, bare_unit, is_unit, is_unit_of, load_table, split_header
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.sensing.channel import channel_name, channel_unit, kinds
-from softcal.sensing.sensors.plate import ANGLES
+from softcal.sensing.sensors.pose import ANGLES
 from softcal.units import sensor_factor, unit_factor
 
 MASS = "mass"  # a mass that hangs from a cable: its weight is the tension

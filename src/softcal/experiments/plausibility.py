@@ -13,7 +13,7 @@ from softcal.experiments.header import column_unit
 from softcal.experiments.steps.branches import curve
 from softcal.experiments.table import is_unit_of, split_header
 from softcal.sensing.channel import channel_name
-from softcal.sensing.sensors.chamber import PRESSURE
+from softcal.sensing.sensors.actuators import PRESSURE
 from softcal.units import format_quantity, unit_factor
 
 _MAX_SPEED = 1.0  # [m/s]

@@ -18,7 +18,7 @@ from softcal.experiments.orientation import QUATERNION, plate_angles
 from softcal.experiments.table import WHITESPACE, Table, load_table, split_header
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.sensing.channel import TIME
-from softcal.sensing.sensors.plate import ANGLES
+from softcal.sensing.sensors.pose import ANGLES
 
 _N_VALUES = 10  # values of a column listed in a fault
 _FOOTER = 5  # lines at the end of a file, which may be no rows of its table

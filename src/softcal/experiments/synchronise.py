@@ -207,7 +207,17 @@ def fit_clock(utm: Dataset, imu: Dataset, motion: CommonMotion) -> ClockFit:
     begin, end = _overlap(len(x), len(y), round(shift))
     lag, middle, rate = shift * step + apart, float(x_time[0] + 0.5 * (begin + end) * step), 0.0
     if motion.estimate_rate:
-        lag, rate = _early_and_late(x, y, (begin, end), round(shift), step, sign, lag, apart)
+        # From the lags of the first and of the last half of the overlap, if the motion is in both.
+        lags: list[float] = []
+        for a, b in ((begin, (begin + end) // 2), ((begin + end) // 2, end)):
+            first, last = max(0, a + round(shift) - (b - a) // 4), b + round(shift) + (b - a) // 4
+            base = a + round(shift) - first
+            if np.ptp(x[a:b]) > 0.0 and np.ptp(y[first:last]) > 0.0:
+                fine, _ = _refine(x[a:b], y[first:last], base, sign)
+                lags.append((fine - base + round(shift)) * step + apart)
+        if len(lags) == 2:
+            early, late = lags
+            lag, rate = 0.5 * (early + late), (late - early) / (0.5 * (end - begin) * step)
     return ClockFit(float(lag), float(rate), middle, float(correlation))
 
 
@@ -307,28 +317,3 @@ def _coefficient(x: Floats, y: Floats, shift: int) -> float:
 def _overlap(n_x: int, n_y: int, shift: int) -> tuple[int, int]:
     """Range of samples of x for which y[i + shift] exists."""
     return max(0, -shift), min(n_x, n_y - shift)
-
-
-def _early_and_late(
-    x: Floats,
-    y: Floats,
-    overlap: tuple[int, int],
-    shift: int,
-    step: float,
-    sign: float,
-    lag: float,
-    apart: float,
-) -> tuple[float, float]:
-    """Lag at the middle of the overlap and clock rate, from the lags of its first and its last half."""
-    begin, end = overlap
-    middle = (begin + end) // 2
-    lags: list[float] = []
-    for a, b in ((begin, middle), (middle, end)):
-        part, partner = x[a:b], y[max(0, a + shift - (b - a) // 4) : b + shift + (b - a) // 4]
-        base = a + shift - max(0, a + shift - (b - a) // 4)
-        if np.ptp(part) <= 0.0 or np.ptp(partner) <= 0.0:
-            return lag, 0.0
-        fine, _ = _refine(part, partner, base, sign)
-        lags.append((fine - base + shift) * step + apart)
-    early, late = lags
-    return 0.5 * (early + late), (late - early) / (0.5 * (end - begin) * step)

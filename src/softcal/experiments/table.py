@@ -141,7 +141,14 @@ def load_table(path: Path, wanted: Sequence[str], written: TableFormat) -> Table
     """
     file = open_text(path)
     last = file.n_lines - written.skip_footer
-    body = _beginning(file, written.skip_rows, last, max(written.header_row or 0, written.units_row or 0))
+    # The first non-empty lines with their numbers: the header is among them.
+    body: list[tuple[int, str]] = []
+    least = max(written.header_row or 0, written.units_row or 0)
+    for number, line in ((n, line) for first, lines in file.blocks() for n, line in enumerate(lines, start=first)):
+        if number > last or (len(body) >= _BEGINNING and number > least):
+            break
+        if number > written.skip_rows and line.strip():
+            body.append((number, line))
     if not body:
         skipped = min(written.skip_rows + written.skip_footer, file.n_lines)
         raise DatasetError(
@@ -212,18 +219,6 @@ def uses_decimal_comma(cells: Sequence[str]) -> bool:
     """True if more of the cells are numbers with a decimal comma than with a decimal point."""
     numbers = [cell for cell in cells if _NUMBER.match(cell)]
     return sum("," in cell for cell in numbers) > sum("." in cell for cell in numbers)
-
-
-def _beginning(file: TextFile, skip_rows: int, last: int, least: int) -> list[tuple[int, str]]:
-    """The first non-empty lines, at least `least`, with their numbers: the header is among them."""
-    body: list[tuple[int, str]] = []
-    for first, lines in file.blocks():
-        for number, line in enumerate(lines, start=first):
-            if number > last or (len(body) >= _BEGINNING and number > least):
-                return body
-            if number > skip_rows and line.strip():
-                body.append((number, line))
-    return body
 
 
 def _is_comment(line: str) -> bool:

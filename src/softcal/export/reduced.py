@@ -367,34 +367,22 @@ def _inputs(robot: Robot, spans: Mapping[str, Span]) -> list[Input]:
                 faults.append(Fault("the range must contain the robot's own value", name, text, f"a range with {at}"))
             found.append(Input(name, span.unit, span.least, span.most, value))
         elif not faults:
-            found.append(_of_actuator(robot, actuated[name], span))
+            part = actuated[name]
+            coordinate, effort = part.channels
+            if span.unit not in (effort.unit, coordinate.unit):
+                wanted = f"a range in {effort.unit} or {coordinate.unit}"
+                raise ParameterError(Fault("this is no range of the actuator", name, f"in {span.unit}", wanted))
+            ends = span.least, span.most
+            if span.unit != effort.unit:
+                efforts = efforts_along(robot, part, ends)
+                ends = max(float(efforts[0]), part.ranges[1].lower), float(efforts[-1])
+            for end in ends:
+                if (fault := part.command_fault(effort.name, np.array([end]))) is not None:
+                    raise ParameterError(fault)
+            found.append(Input(name, effort.unit, *ends, min(max(0.0, ends[0]), ends[1]), effort.name))
     if faults:
         raise ParameterError(faults)
     return found
-
-
-def _of_actuator(robot: Robot, part: ActuatedPart, span: Span) -> Input:
-    """The input of an actuator's effort.
-
-    Raises
-    ------
-    ParameterError
-        For a range that it does not have, or of a coordinate over which the effort is not monotonic.
-    SimulationError
-        Where a coordinate is not reached.
-    """
-    coordinate, effort = part.channels
-    if span.unit != effort.unit:
-        if span.unit != coordinate.unit:
-            wanted = f"a range in {effort.unit} or {coordinate.unit}"
-            raise ParameterError(Fault("this is no range of the actuator", part.name, f"in {span.unit}", wanted))
-        efforts = efforts_along(robot, part, (span.least, span.most))
-        span = Span(max(float(efforts[0]), part.ranges[1].lower), float(efforts[-1]), effort.unit)
-    for end in (span.least, span.most):
-        if (fault := part.command_fault(effort.name, np.array([end]))) is not None:
-            raise ParameterError(fault)
-    default = min(max(0.0, span.least), span.most)
-    return Input(part.name, effort.unit, span.least, span.most, default, effort.name)
 
 
 def efforts_along(robot: Robot, part: ActuatedPart, ends: tuple[float, float]) -> Floats:
@@ -674,16 +662,6 @@ def _outputs(robot: Robot, response: Response, by: Sequence[str]) -> Floats:
     return table
 
 
-def _directions(sampled: Sampled, change: Floats) -> tuple[Floats, Floats]:
-    """D (n_inputs, n_inputs), and the weights (n_inputs,) of the powers; change (n_outputs,): of the outputs."""
-    slopes = (sampled.rates * sampled.half[:, None] / change).transpose(1, 0, 2).reshape(sampled.rates.shape[1], -1)
-    squares, vectors = np.linalg.eigh(slopes @ slopes.T)
-    size = np.abs(vectors).sum(axis=0)
-    strength = np.sqrt(np.maximum(squares, 1e-16 * squares.max())) * size
-    order = np.argsort(-strength)
-    return (vectors / size).T[order], 1.0 + WEAK * np.log(strength.max() / strength[order])
-
-
 def _powers(weights: Floats, degree: float) -> Ints:
     """Exponents (n_terms, n_inputs) of the terms up to a degree, with weights (n_inputs,) of the powers."""
     rows: list[tuple[int, ...]] = [()]
@@ -749,7 +727,12 @@ def _best_terms(sampled: Sampled, change: Floats) -> tuple[Floats, Ints]:
     n, n_inputs = sampled.places.shape
     is_out = np.arange(n) % LEFT_OUT == LEFT_OUT - 1
     kept, out = sampled.take(np.flatnonzero(~is_out)), sampled.take(np.flatnonzero(is_out))
-    directions, weights = _directions(sampled, change)
+    slopes = (sampled.rates * sampled.half[:, None] / change).transpose(1, 0, 2).reshape(n_inputs, -1)
+    squares, vectors = np.linalg.eigh(slopes @ slopes.T)
+    size = np.abs(vectors).sum(axis=0)
+    strength = np.sqrt(np.maximum(squares, 1e-16 * squares.max())) * size
+    order = np.argsort(-strength)
+    directions, weights = (vectors / size).T[order], 1.0 + WEAK * np.log(strength.max() / strength[order])
     best, least = _powers(weights, 1.0), np.inf
     for degree in range(1, MOST_DEGREE + 1):
         powers = _powers(weights, degree)

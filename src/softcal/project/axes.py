@@ -193,21 +193,16 @@ def _value_faults(
                 "Poisson's ratio must stay below 0.5: there the volume cannot change and the bulk modulus has no limit"
             )
             allowed = f"-1 < ratio < 0.5, the nearest being {_NEAREST_RATIO}"
-            return [*faults, Fault(what, name, f"{value:g}", allowed, f"{name}={_allowed_terms(terms)}")]
+            kept: list[str] = []  # the nearest ratio in the place of those that are not allowed
+            for term in terms:
+                ratios = _range(term, "1", "") if ":" in term else [_number(term, "1", "")]
+                below = [ratio for ratio in ratios if ratio < 0.5]
+                kept += [f"{_NEAREST_RATIO}"] * (len(below) < len(ratios))
+                if len(below) > 2 and ":" in term:
+                    kept.append(f"{below[0]:g}:{below[-1]:g}:{term.split(':')[2].strip()}")
+                else:
+                    kept += [f"{ratio:g}" for ratio in below]
+            attempt = f"{name}={','.join(dict.fromkeys(kept))}"
+            return [*faults, Fault(what, name, f"{value:g}", allowed, attempt)]
         return [*faults, Fault(fault.what, name, fault.got, fault.allowed)]
     return faults
-
-
-def _allowed_terms(terms: Sequence[str]) -> str:
-    """The terms with the nearest allowed ratio in the place of ratios that are not allowed."""
-    kept: list[str] = []
-    for term in terms:
-        values = _range(term, "1", "") if ":" in term else [_number(term, "1", "")]
-        allowed = [value for value in values if value < 0.5]
-        if len(allowed) < len(values):
-            kept.append(f"{_NEAREST_RATIO}")
-        if len(allowed) > 2 and ":" in term:
-            kept.append(f"{allowed[0]:g}:{allowed[-1]:g}:{term.split(':')[2].strip()}")
-        else:
-            kept += [f"{value:g}" for value in allowed]
-    return ",".join(dict.fromkeys(kept))

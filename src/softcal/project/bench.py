@@ -36,8 +36,7 @@ from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSe
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.sensing.channel import channel_name, of_kind
-from softcal.sensing.sensors.cable import TENSION
-from softcal.sensing.sensors.chamber import FLOW
+from softcal.sensing.sensors.actuators import FLOW, TENSION
 from softcal.twin.robot import Robot
 
 

@@ -18,9 +18,8 @@ from softcal.project.bench_schema import BenchFile, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, noise_in
 from softcal.sensing.channel import carriers, channel_name, channel_unit, kinds, positions
-from softcal.sensing.sensors.cable import TENSION
-from softcal.sensing.sensors.chamber import FLOW, VOLUME
-from softcal.sensing.sensors.plate import ANGLES
+from softcal.sensing.sensors.actuators import FLOW, TENSION, VOLUME
+from softcal.sensing.sensors.pose import ANGLES
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.robot import PointLoad, Robot
@@ -233,30 +232,15 @@ def settings_of(
             owner, kind = parameter_name(name).owner, parameter_name(name).kind
             load = next((x for x in robot.loads if isinstance(x, PointLoad) and x.name == owner), None)
             if kind == MASS and load is not None:
-                settings[f"{owner}.force"] = _weight(load, QUANTITIES["mass"].read(value), robot)
+                mass = QUANTITIES["mass"].read(value)
+                g, along = float(np.linalg.norm(robot.gravity)), float(np.dot(robot.gravity, load.direction))
+                if not g > 0 or along < (1 - 1e-6) * g:
+                    got = f"a load in the direction {np.round(load.direction, 3).tolist()}" if g > 0 else "no gravity"
+                    allowed = "a load whose direction is that of gravity, or its force"
+                    raise ParameterError(Fault("a mass hangs along gravity", got=got, allowed=allowed))
+                settings[f"{owner}.force"] = mass * g
                 continue
             if name not in every:
                 raise ParameterError(unknown_name(name, every))
             settings[name] = every[name].quantity.read(value)
     return settings
-
-
-def _weight(load: PointLoad, mass: float, robot: Robot) -> float:
-    """Force [N] of a hanging mass [kg] along the load's direction.
-
-    Raises
-    ------
-    ParameterError
-        Where the load does not point along gravity.
-    """
-    g = float(np.linalg.norm(robot.gravity))
-    along = float(np.dot(robot.gravity, load.direction))
-    if not g > 0 or along < (1 - 1e-6) * g:
-        raise ParameterError(
-            Fault(
-                "a mass hangs along gravity",
-                got="no gravity" if not g > 0 else f"a load in the direction {np.round(load.direction, 3).tolist()}",
-                allowed="a load whose direction is that of gravity, or its force",
-            )
-        )
-    return mass * g

@@ -9,7 +9,7 @@ from pathlib import Path
 from softcal.declare import require_one
 from softcal.errors import ProjectFileError
 from softcal.geometry.obstacle import BoxObstacle, HalfSpace, Obstacle, SphereObstacle
-from softcal.names import part_name_fault
+from softcal.limits import part_name_fault
 from softcal.project.document import Findings
 from softcal.project.section import Section, entries
 from softcal.project.yaml_file import read_document

@@ -41,7 +41,14 @@ def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = 
     _check_fixed_once(robot, findings)
     if len(findings.faults) == n_faults:
         _check_overlaps(robot, where, findings)
-        _check_surfaces(robot, findings)
+        # Surfaces that actuators act on, such as walls that enclose no volume.
+        try:
+            if any(part.actuator.surfaces for part in robot.actuators):
+                twin_of(robot)
+        except MeshError as error:
+            for part in robot.actuators:
+                own = [fault for fault in error.faults if fault.where.startswith(f"{part.name}.")]
+                findings.take(("robot", "actuators", part.name, *part.actuator.region_key), own)
 
 
 class _Where:
@@ -104,18 +111,6 @@ def _check_attached(robot: Robot, where: _Where, findings: Findings) -> None:
             allowed="a connection to a fixed part: fixed, a plate, a tie",
             attempt="fixed: socket, with a region of that name" if kind == "body" else "",
         )
-
-
-def _check_surfaces(robot: Robot, findings: Findings) -> None:
-    """Record the faults of the surfaces that actuators act on, such as walls that enclose no volume."""
-    if not any(part.actuator.surfaces for part in robot.actuators):
-        return
-    try:
-        twin_of(robot)
-    except MeshError as error:
-        for part in robot.actuators:
-            own = [fault for fault in error.faults if fault.where.startswith(f"{part.name}.")]
-            findings.take(("robot", "actuators", part.name, *part.actuator.region_key), own)
 
 
 def _check_fixed_once(robot: Robot, findings: Findings) -> None:

@@ -19,10 +19,9 @@ from softcal.declare import ByShape, Reading, listed, require_one, shown
 from softcal.errors import Fault, InputError
 from softcal.geometry.placement import Placement
 from softcal.geometry.ring import Ring
-from softcal.limits import LIMITS
+from softcal.limits import LIMITS, folded, part_name_fault
 from softcal.mechanics.elements import ElementName
 from softcal.mechanics.path_limits import PathLimits
-from softcal.names import folded, part_name_fault
 from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.document import Document, Findings
 from softcal.project.mesh_schema import Mesh, MeshShape, RegionSection

@@ -12,10 +12,9 @@ from softcal.calibration.problem.uncertain import RESERVED
 from softcal.declare import Declared
 from softcal.errors import Fault, ProjectFileError, unknown
 from softcal.experiments.prepare import PlannedStep
-from softcal.limits import LIMITS
+from softcal.limits import LIMITS, RESERVED_OF_TESTS, folded, name_fault
 from softcal.materials.catalogue import LAWS
 from softcal.materials.infill import PrintInfill
-from softcal.names import RESERVED_OF_TESTS, folded, name_fault
 from softcal.project.bench_names import experiments_named
 from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection

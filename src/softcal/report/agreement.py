@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -72,9 +73,16 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
         if spread is None or one.chance is None:
             continue
         if spread.differs == one.differs:
-            if text := _at_one_value(one, names, results, result):
-                return text
-            continue
+            # The values of the tests where other parameters, which are at a bound in separate fits, have one value.
+            fits, joint = [results[label].parameters for label in one.estimates], result.parameters
+            bound = [n for n in names if n != one.name and n in joint and any(f[n].at_bound for f in fits if n in f)]
+            if not bound or not spread.differs:
+                continue
+            estimate = joint[one.name]
+            at = joined(f"{parameter_label(n, names)} = {value_text(joint[n])}" for n in bound)
+            values, others = _own_values(spread, estimate.value, partial(shown, estimate))
+            at_bound = f" With {at} in all, it is {with_unit(estimate, values)}{others}"
+            return f"{at_bound}, estimated from the derivatives at the joint fit."
         others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
         at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
         verb = "differ" if spread.differs else "do not differ"
@@ -83,21 +91,6 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
             return f" In the joint fit {differ}."
         return f" Here each test has its own {joined(others)} too; {at}, in the joint fit, {differ}."
     return ""
-
-
-def _at_one_value(
-    one: Agreement, names: Sequence[str], results: Mapping[str, SearchResult], joint: SearchResult
-) -> str:
-    """The values of the tests where other parameters, which are at a bound in separate fits, have one value."""
-    fits = [results[label].parameters for label in one.estimates]
-    bound = [n for n in names if n != one.name and n in joint.parameters and any(f[n].at_bound for f in fits if n in f)]
-    if not bound or not joint.spreads[one.name].differs:
-        return ""
-    estimate, spread = joint.parameters[one.name], joint.spreads[one.name]
-    at = joined(f"{parameter_label(n, names)} = {value_text(joint.parameters[n])}" for n in bound)
-    values, others = _own_values(spread, estimate.value, lambda value: shown(estimate, value))
-    at_bound = f" With {at} in all, it is {with_unit(estimate, values)}{others}"
-    return f"{at_bound}, estimated from the derivatives at the joint fit."
 
 
 def agreement_text(one: Agreement, name: str) -> str:

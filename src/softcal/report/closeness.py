@@ -1,4 +1,4 @@
-"""Rating of the fit, channel by channel: good, fair or poor.
+"""Rating of the fit, channel by channel: good, fair or poor; and the twin's error over the whole record.
 
 An error is compared with the noise of the record if it is known, as stated, or as the scatter of its cycles or samples,
 otherwise with the range of the measurement:
@@ -12,12 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softcal.analysis.record import RecordFit
 from softcal.calibration.results.result import SearchResult
 from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.experiments.dataset import Dataset
+from softcal.report.content import ReportContent
 from softcal.report.format import channel_scale, joined, number
 from softcal.report.format import worst as worst_ones
-from softcal.report.tables import share_of_range
+from softcal.report.tables import share_of_peak, share_of_range
 from softcal.sensing.channel import WORDS, ChannelName, channel_name, in_a_word
 
 # RMS error over the measurement's range: close below the first share, poor above the second.
@@ -62,7 +64,12 @@ def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Mis
     for name, fit in result.experiments.items():
         for of, word in in_words(fit.rmse):
             channel = str(of)
-            error, sigma = fit.rmse[channel], _noise(data[name], channel) if name in data else None
+            error, sigma = fit.rmse[channel], 0.0  # the noise, as root mean square over the samples, if it is known
+            channels = data[name].channels if name in data else {}
+            if (noise := channels.get(str(of.deviation))) is not None:
+                sigma = float(np.sqrt(np.nanmean(noise.values**2)))
+            elif channel in channels:
+                sigma = channels[channel].sigma
             in_noise = error / sigma if sigma else None
             yield Miss(name, word, error, of.kind.unit, share_of_range(fit, channel), in_noise, of.carrier)
 
@@ -78,15 +85,6 @@ def in_words(channels: Iterable[str]) -> list[tuple[ChannelName, str]]:
 def of_carrier(word: str, carrier: str) -> str:
     """The word for a channel, with what carries it unless its name is short."""
     return f"{word} of {carrier}" if carrier else word
-
-
-def _noise(data: Dataset, channel: str) -> float | None:
-    """Noise of a channel [SI]: root mean square over its samples; None if not known."""
-    channels = data.channels
-    noise = channels.get(str(channel_name(channel).deviation))
-    if noise is not None:
-        return float(np.sqrt(np.nanmean(noise.values**2)))
-    return channels[channel].sigma if channel in channels and channels[channel].sigma > 0 else None
 
 
 def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[Remark]:
@@ -152,3 +150,48 @@ def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
     if share <= POOR:
         return f"that is fair (the {word} between {close} and {poor} % of its range)", "note"
     return f"that is poor (the {word} above {poor} % of its range)", "warning"
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """A channel over a record: display word and SI unit, RMSE [SI], RMSE over peak, RMSE of the fit [SI]."""
+
+    experiment: str
+    word: str
+    unit: str
+    error: float
+    share: float
+    fitted: float
+    found: RecordFit
+
+
+def record_sentence(content: ReportContent, label: str) -> str:
+    """Error over the whole record, for the worst experiment of a calibration; "" if no record was compared."""
+    result = content.results[label]
+    wholes: list[_Whole] = []
+    for name, found in content.records.get(label, {}).items():
+        if name not in result.experiments or found.fit is None:
+            continue
+        fitted = result.experiments[name].rmse
+        # The force if it was compared, else the pitch, the travel or another channel.
+        for of, word in in_words(fitted):
+            channel = str(of)
+            if (share := share_of_peak(found.fit, channel)) is not None:
+                said, error = of_carrier(word, of.carrier), found.fit.rmse[channel]
+                wholes.append(_Whole(name, said, of.kind.unit, error, share, fitted[channel], found))
+                break
+    if not wholes:
+        return ""
+    worst = max(wholes, key=lambda whole: whole.share)
+    scale, every = channel_scale(worst.unit), worst.found.every
+    over = "Over the whole record" if every == 1 else f"Over one in {every} samples of the whole record"
+    drives = [worst.found.record.values(drive) for drive in worst.found.drives]
+    # A drive returns after its peak by more than half of its range.
+    if any(of.max() - of[int(np.argmax(of)) :].min() > 0.5 * (of.max() - of.min()) > 0 for of in drives):
+        over += ", loading and unloading"
+    text = f"{over}, the {worst.word} differs by {number(worst.error / scale.factor)} {scale.unit} RMS"
+    where = f"; {worst.experiment} is the worst of {len(wholes)}" if len(wholes) > 1 else ""
+    text += f" ({number(100 * worst.share, 2)} % of its peak{where})"
+    if worst.fitted > 0:
+        text += f", {number(worst.error / worst.fitted, 2)} times that of the fitted samples"
+    return f"{text}."

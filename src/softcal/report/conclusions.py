@@ -19,7 +19,7 @@ from softcal.report.agreement import (
     size_text,
     spread_sentences,
 )
-from softcal.report.closeness import closeness_by_experiment, misses_of
+from softcal.report.closeness import closeness_by_experiment, misses_of, record_sentence
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
 from softcal.report.cycles import cycle_sentences
@@ -35,7 +35,6 @@ from softcal.report.format import (
 )
 from softcal.report.headline import headline
 from softcal.report.positions import fit_sentence, prediction_sentence
-from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
 from softcal.sensing.channel import channel_name, in_a_word, of_actuator
 from softcal.twin.parameter_name import parameter_name

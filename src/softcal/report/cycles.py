@@ -13,7 +13,7 @@ from softcal.report.format import channel_scale, number
 from softcal.report.tables import Cell, Column, ReportTable
 from softcal.sensing.channel import in_a_word
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.actuators import TENSION
 
 _OF_RECORD = "The twin was fitted to chosen samples of these records; the table has what was measured."
 

@@ -105,7 +105,14 @@ class FirstScreen:
 
 def three_sentences(of: FirstScreen) -> list[str]:
     """The estimates and what they rest on, the largest source of their error, and the quality of the fit."""
-    return [text for text in (_estimates(of), _largest_source(of), _fit(of)) if text]
+    results, misses = of.judged, _misses(of)
+    parts = [text for word in dict.fromkeys(miss.word for miss in misses) if (text := worst_of(misses, word))]
+    near = [(label, text) for label, one in results.items() if (text := fitted_distance(one))]
+    if near:
+        places = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
+        parts.append(f"the markers to {places}")
+    fit = f"The twin reproduces {joined(parts)}." if parts else ""
+    return [text for text in (_estimates(of), _largest_source(of), fit) if text]
 
 
 def is_poor(of: FirstScreen) -> bool:
@@ -138,7 +145,14 @@ def _estimates(of: FirstScreen) -> str:
     if len(results) > 1:
         ranges = {one.name: range_text(one) for one in agreements(of.results)}
         names = list(dict.fromkeys(one.name for one in material))
-        parts = [_over_tests(name, names, ranges, material) for name in names]
+        parts: list[str] = []
+        for name in names:
+            label, statements = parameter_label(name, names), [one for one in material if one.name == name]
+            if any(one.is_determined for one in statements):
+                value = ranges[name] if name in ranges else value_text(statements[0].estimate)
+                parts.append(f"{label} = {value} test by test")
+            else:
+                parts.append(f"{label} not determined in any test")
         early = joined(result_label(label) for label, result in results.items() if result.missed_minimum)
         doubt = f"; not found yet: the minimum of {early}" if early else ""
         return f"{joined(parts)}, from {len(results)} separate fits{doubt}."
@@ -174,14 +188,6 @@ def _contradictions(result: SearchResult, names: Iterable[str]) -> dict[str, Spr
         for name, spread in differing.items()
         if np.ptp(list(spread.values.values())) > (half_width(result.parameters[name]) or 0.0)
     }
-
-
-def _over_tests(name: str, names: list[str], ranges: Mapping[str, str], material: Iterable[Statement]) -> str:
-    statements = [one for one in material if one.name == name]
-    label = parameter_label(name, names)
-    if not any(one.is_determined for one in statements):
-        return f"{label} not determined in any test"
-    return f"{label} = {ranges[name] if name in ranges else value_text(statements[0].estimate)} test by test"
 
 
 def _largest_source(of: FirstScreen) -> str:
@@ -221,19 +227,17 @@ def _largest_source(of: FirstScreen) -> str:
         if len(result.experiments) == len(of.judged) == 1:
             said += " By how much tests differ is not known from one."
         said += trend_sentences(result, of.records).get(widest.name, "")
-    return f"{text} {first}{said}{_instruments(widest)}".strip()
-
-
-def _instruments(one: Statement) -> str:
-    """Sentence on errors of instruments without a statement that would shift an estimate by half its interval."""
     kinds = {**kinds_of_quantity(), **readings()}
+    # Errors of instruments without a statement that would shift the estimate by half its interval.
     errors = [
         f"{name} is off by {format_quantity(size, kind.unit, '%' if kind.unit == '1' else None, digits=2)}"
-        for name, size in one.estimate.moved_by.items()
+        for name, size in widest.estimate.moved_by.items()
         for kind in [kinds[parameter_name(name).kind]]
     ]
-    lead = f" Not included: {one.label} shifts by half the length of its interval where"
-    return f"{lead} {' or '.join(errors)}." if errors else ""
+    if errors:
+        lead = f"Not included: {widest.label} shifts by half the length of its interval where"
+        said += f" {lead} {' or '.join(errors)}."
+    return f"{text} {first}{said}".strip()
 
 
 def _records(result: SearchResult) -> list[ResidualRecord]:
@@ -275,13 +279,3 @@ def _unknown(of: FirstScreen) -> str:
 
 def _misses(of: FirstScreen) -> list[Miss]:
     return [miss for result in of.judged.values() for miss in misses_of(of.samples, result)]
-
-
-def _fit(of: FirstScreen) -> str:
-    results, misses = of.judged, _misses(of)
-    parts = [text for word in dict.fromkeys(miss.word for miss in misses) if (text := worst_of(misses, word))]
-    near = [(label, text) for label, one in results.items() if (text := fitted_distance(one))]
-    if near:
-        places = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
-        parts.append(f"the markers to {places}")
-    return f"The twin reproduces {joined(parts)}." if parts else ""

@@ -12,7 +12,7 @@ from softcal.calibration.search.optimiser import OPTIMISERS
 from softcal.calibration.statistics.estimate import Estimate
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.sensing.channel import channel_name
-from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import readable_unit, unit_factor
 

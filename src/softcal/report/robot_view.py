@@ -206,7 +206,14 @@ def plate_parts(
             opacity=opacity,
         )
         return [disc], pose.apply(0.97 * (_rim(plate.disc) - plate.disc.centre) + plate.disc.centre - plate.reference)
-    bonded = [pose.apply(path - plate.reference) for path in _bonded(robot, plate)]
+    # Around the regions of bodies, and the sections of rods, that the plate holds, at rest.
+    held = [path for body in robot.bodies for path in outlines(body, plate.nodes.get(body.name, ()))]
+    for rod, node in ((one, node) for one in robot.rods for node in one.clamped.get(plate.name, ())):
+        at, along = rod.centreline.nodes[node], rod.centreline.triads[node, :, 2]
+        share = float(rod.centreline.stations[node] / rod.centreline.stations[-1])
+        ring = ring_points(at, along, across(along), 0.55 * rod.section.at(share).outer_diameter, RIM)
+        held.append(np.concatenate([ring, ring[:1]]))
+    bonded = [pose.apply(path - plate.reference) for path in held]
     carried = [via.at for part in robot.actuated for via in part.route if via.on == plate.name]
     carried += [*plate.holes.values(), *(marker.place for marker in robot.markers if marker.on == plate.name)]
     arms = [pose.apply(np.stack([plate.reference, at]) - plate.reference) for at in carried]
@@ -219,20 +226,6 @@ def outlines(body: Body, nodes: Ints | Sequence[int]) -> list[Floats]:
     """Closed polylines (k, 3) at rest around the faces of a body whose corners are all among some nodes."""
     faces = boundary(body.mesh.tets)
     return [body.mesh.points[loop] for loop in border(faces[np.isin(faces[:, :3], nodes).all(axis=1)])]
-
-
-def _bonded(robot: Robot, plate: Plate) -> list[Floats]:
-    """Closed polylines (k, 3) at rest around the regions of bodies, and the sections of rods, that a plate holds."""
-    found: list[Floats] = []
-    for body in robot.bodies:
-        found += outlines(body, plate.nodes.get(body.name, ()))
-    for rod in robot.rods:
-        for node in rod.clamped.get(plate.name, ()):
-            at, along = rod.centreline.nodes[node], rod.centreline.triads[node, :, 2]
-            share = float(rod.centreline.stations[node] / rod.centreline.stations[-1])
-            ring = ring_points(at, along, across(along), 0.55 * rod.section.at(share).outer_diameter, RIM)
-            found.append(np.concatenate([ring, ring[:1]]))
-    return found
 
 
 def _rim(shape: Disc) -> Floats:

@@ -55,34 +55,32 @@ def draw_parts(axes: Axes, parts: Sequence[Part], camera: Projection, behind: Se
         Parts that are drawn first.
     """
     from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
 
     left, right, bottom, top = camera.window
     axes.set_axis_off()
     axes.set_aspect("equal")
     axes.set(xlim=(left, right), ylim=(bottom, top))
     for layer in (behind, parts):
-        if found := [_seen(part, camera) for part in layer]:
-            corners, colours = (np.concatenate(held) for held in zip(*found, strict=True))
+        seen: list[tuple[Floats, Floats]] = []  # corners (n, 3, 3) in the picture with their depth; colours (n, 4)
+        for part in layer:
+            mesh = part.mesh().triangulate()
+            faces = np.asarray(mesh.regular_faces)
+            corners = camera.project(np.asarray(mesh.points))[faces]
+            if isinstance(part.colour, str):
+                colours = np.tile(to_rgb(part.colour), (len(faces), 1))
+            elif "colour" in mesh.cell_data:
+                colours = np.asarray(mesh.cell_data["colour"])[:, :3] / 255.0
+            else:
+                colours = np.asarray(mesh.point_data["colour"])[faces][:, :, :3].mean(axis=1) / 255.0
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            length = np.linalg.norm(normals, axis=1)
+            light = _DARKEST + (1.0 - _DARKEST) * np.abs(normals[:, 2]) / np.where(length > 0.0, length, 1.0)
+            shaded = np.column_stack([colours * light[:, None], np.full(len(faces), part.opacity)])
+            seen.append((corners, shaded))
+        if seen:
+            corners, colours = (np.concatenate(held) for held in zip(*seen, strict=True))
             order = np.argsort(corners[:, :, 2].mean(axis=1))
             shown = PolyCollection(list(corners[order, :, :2]), facecolors=colours[order])
             shown.set(linewidth=0.3, edgecolor="face")  # no seams between triangles
             axes.add_collection(shown)
-
-
-def _seen(part: Part, camera: Projection) -> tuple[Floats, Floats]:
-    """Corners (n, 3, 3) of a part's triangles in the picture with their depth, and their colours (n, 4), shaded."""
-    from matplotlib.colors import to_rgb
-
-    mesh = part.mesh().triangulate()
-    faces = np.asarray(mesh.regular_faces)
-    corners = camera.project(np.asarray(mesh.points))[faces]
-    if isinstance(part.colour, str):
-        colours = np.tile(to_rgb(part.colour), (len(faces), 1))
-    elif "colour" in mesh.cell_data:
-        colours = np.asarray(mesh.cell_data["colour"])[:, :3] / 255.0
-    else:
-        colours = np.asarray(mesh.point_data["colour"])[faces][:, :, :3].mean(axis=1) / 255.0
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    light = _DARKEST + (1.0 - _DARKEST) * np.abs(normals[:, 2]) / np.where(length > 0.0, length, 1.0)
-    return corners, np.column_stack([colours * light[:, None], np.full(len(faces), part.opacity)])

@@ -195,7 +195,10 @@ def statement(name: str, label: str, estimate: Estimate, study: MeshStudy | None
         A mesh study; without it, or where it is of another value, the budget has no share of the mesh.
     """
     shares = {kind: share for kind, share in estimate.shares.items() if share > 0.0}
-    shift, half = None if study is None else _shift(name, estimate, study), half_width(estimate)
+    shift, half, best = 0.0, half_width(estimate), None if study is None else study.best
+    if study is not None and best is not None and name in study.of_robot and name in study.parameters:
+        is_of_it = math.isclose(study.parameters[name].value, estimate.value, rel_tol=1e-9)
+        shift = best.values[name] - estimate.value if is_of_it else 0.0
     if shares and shift and half and MESH not in shares:
         variance = (estimate.standard_error or half / NORMAL_95) ** 2
         total = variance + shift**2
@@ -216,11 +219,3 @@ def percent(share: float) -> str:
 def legend(statements: Iterable[Statement]) -> list[ErrorSource]:
     """The sources that occur in the budgets."""
     return list(dict.fromkeys(source for one in statements for source, *_ in one.shares))
-
-
-def _shift(name: str, estimate: Estimate, study: MeshStudy) -> float | None:
-    """By how much a finer mesh is expected to shift an estimate [unit]; None if the study is not of it."""
-    best, studied = study.best, study.parameters.get(name)
-    if best is None or studied is None or name not in study.of_robot:
-        return None
-    return best.values[name] - estimate.value if math.isclose(studied.value, estimate.value, rel_tol=1e-9) else None

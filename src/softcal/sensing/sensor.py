@@ -12,7 +12,7 @@ from softcal.checks import Floats
 from softcal.declare import Checked, Declared
 from softcal.display import displayed
 from softcal.errors import Fault, InputError, unknown
-from softcal.names import part_name_fault
+from softcal.limits import part_name_fault
 from softcal.sensing.kind import ChannelKind
 
 # Parts of a robot that sensors may come with, in the order of their channels.

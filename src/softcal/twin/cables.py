@@ -33,7 +33,7 @@ from softcal.quantities import (
     Twist,
 )
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.sensors.actuators import SHORTENING, TENSION
 from softcal.twin.actuated import ActuatedPart
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import interpolated
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.barrier import Contact
 from softcal.twin.contacts import bonded_pairs, moving_together, pressing_skins, rigid_groups
 from softcal.twin.cores import body_skin, columns, joined, numbers

@@ -20,7 +20,7 @@ from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, at_rest
 from softcal.sensing.channel import kinds
-from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import no_mass, robot_inertia

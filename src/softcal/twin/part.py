@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from softcal.declare import Checked
 from softcal.errors import InputError
-from softcal.names import part_name_fault
+from softcal.limits import part_name_fault
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from softcal.errors import SimulationError
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import Path
-from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.crossings import crossed_on_path
 from softcal.twin.drives import Samples, by_coordinate, by_effort
 from softcal.twin.equilibrium_path import SAME, EquilibriumPath

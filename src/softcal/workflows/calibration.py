@@ -25,9 +25,9 @@ from softcal.calibration.search.shared_search import Sharing
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
-from softcal.executors.chosen import Workers
+from softcal.executors.each import Workers
 from softcal.html_text import paragraph, summary
-from softcal.names import JOINT
+from softcal.limits import JOINT
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project, ProjectSource, project_of

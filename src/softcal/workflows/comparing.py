@@ -103,9 +103,19 @@ def _compared(
 ) -> Compared:
     units = {name: e.unit for name, e in result.parameters.items()}
     length = next((fit.length for fit in result.experiments.values() if fit.length is not None), None)
-    state = None if nominal_errors is None else _furthest_state(project, result)
-    if state is None:
+    # The state with the strongest pull; among equal ones, that with the largest marker error.
+    states: dict[State, tuple[float, float]] = {}
+    for name, fit in result.experiments.items() if nominal_errors is not None else ():
+        experiment = project.experiments[name]
+        if placed := [c for c in experiment.compared if experiment.point_of(c)]:
+            squares = np.sum([(fit.simulated[c] - fit.measured[c]) ** 2 for c in placed], axis=0)
+            drives = [np.abs(experiment.dataset.values(c)) for c in experiment.drives]
+            pull = np.max(drives, axis=0) if drives else np.zeros(experiment.dataset.n_samples)
+            seen = np.flatnonzero(np.isfinite(squares))
+            states |= {(name, int(k)): (float(pull[k]), float(squares[k])) for k in seen}
+    if not states:
         return Compared(nominal_errors, (), units, length)
+    state = max(states, key=lambda one: states[one])
     there = tuple(one for one in configurations(state) if one is not None)
     experiment, row = project.experiments[state[0]], state[1]
     data = experiment.dataset
@@ -148,21 +158,6 @@ def _at(
     there = {n: replace(e, value=theta[n]) for n, e in result.parameters.items() if n in theta}
     shown = {n: e.value for n, e in there.items()}
     return _configuration(name, calibrated(project, replace(result, parameters=there)), state, shown)
-
-
-def _furthest_state(project: Project, result: SearchResult) -> State | None:
-    """Experiment and row with the strongest pull; among equal ones, that with the largest marker error."""
-    states: dict[State, tuple[float, float]] = {}
-    for name, fit in result.experiments.items():
-        experiment = project.experiments[name]
-        placed = [c for c in experiment.compared if experiment.point_of(c)]
-        if not placed:
-            continue
-        squares = np.sum([(fit.simulated[c] - fit.measured[c]) ** 2 for c in placed], axis=0)
-        drives = [np.abs(experiment.dataset.values(c)) for c in experiment.drives]
-        pull = np.max(drives, axis=0) if drives else np.zeros(experiment.dataset.n_samples)
-        states |= {(name, int(k)): (float(pull[k]), float(squares[k])) for k in np.flatnonzero(np.isfinite(squares))}
-    return max(states, key=lambda state: states[state]) if states else None
 
 
 def _configuration(name: str, project: Project, state: State, theta: Mapping[str, float]) -> Configuration | None:

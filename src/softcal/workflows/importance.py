@@ -12,7 +12,7 @@ from softcal.analysis.importance_verdict import importance_sentences
 from softcal.calibration.interval_studies.likelihood_points import Observer
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
-from softcal.executors.chosen import Workers
+from softcal.executors.each import Workers
 from softcal.extras import require_extra
 from softcal.limits import LIMITS
 from softcal.project.project import ProjectSource

@@ -18,7 +18,7 @@ from softcal.calibration.statistics.groups import KINDS
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
-from softcal.executors.chosen import Workers, executor_of
+from softcal.executors.each import Workers, executor_of
 from softcal.limits import LIMITS
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_files import StudyKind, has_values

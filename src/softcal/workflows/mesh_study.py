@@ -12,7 +12,7 @@ from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, unknown
-from softcal.executors.chosen import Workers
+from softcal.executors.each import Workers
 from softcal.mechanics.elements import DEFAULT, higher_elements
 from softcal.project.project import ProjectSource
 from softcal.twin.finer import has_lower

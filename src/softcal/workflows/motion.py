@@ -13,7 +13,7 @@ from softcal.calibration.problem.observation import commands
 from softcal.errors import Fault, InputError
 from softcal.project.project import Project
 from softcal.sensing.channel import of_kind
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.actuators import TENSION
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command
 from softcal.twin.response import Response

@@ -12,7 +12,7 @@ from softcal.analysis.next_test import NextTests, next_tests, verdict
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, StorageError
-from softcal.executors.chosen import Workers
+from softcal.executors.each import Workers
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_files import StudyKind
 from softcal.workflows.study_source import StudySource, study_source

@@ -292,20 +292,18 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
-    at_rest, furthest = (replace(shape, label=_title(robot, shape, shapes)) for shape in (rest, bent))
+    kinds = {part.name: part.kind for part in robot.commandable}
+    titled: list[Snapshot] = []  # by the efforts of the actuators, of many of a kind the largest
+    for shape in (rest, bent):
+        shown, told = efforts_shown(robot, shape, shapes), list[str]()
+        for kind in dict.fromkeys(kinds.values()):
+            own = [name for name in shown if kinds[name] == kind]
+            few = [f"{name}: {shown[name]}" for name in own]
+            told += few if len(own) <= 2 else [f"{len(own)} {kind}s, up to {shown[own[0]]}"]
+        titled.append(replace(shape, label=", ".join(told) or "At rest"))
+    at_rest, furthest = titled
     sentences = (response.instabilities, response.crossings, response.drawn_out, response.remarks)
     return TwinView(robot, at_rest, furthest, response.tets, *sentences)
-
-
-def _title(robot: Robot, shape: Snapshot, shapes: Sequence[Snapshot]) -> str:
-    """Title of one of some shapes: the efforts of its actuators, of many of a kind the largest."""
-    kinds, shown = {part.name: part.kind for part in robot.commandable}, efforts_shown(robot, shape, shapes)
-    told: list[str] = []
-    for kind in dict.fromkeys(kinds.values()):
-        own = [name for name in shown if kinds[name] == kind]
-        few = [f"{name}: {shown[name]}" for name in own]
-        told += few if len(own) <= 2 else [f"{len(own)} {kind}s, up to {shown[own[0]]}"]
-    return ", ".join(told) or "At rest"
 
 
 def efforts_shown(robot: Robot, shape: Snapshot, shapes: Sequence[Snapshot] = ()) -> dict[str, str]:

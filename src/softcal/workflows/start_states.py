@@ -13,7 +13,7 @@ from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.state import rest_state
 from softcal.project.project import Project
 from softcal.sensing.channel import ChannelName, of_actuator
-from softcal.sensing.sensors.cable import SHORTENING
+from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.build import twin_of
 from softcal.twin.parameters import parameter_values, robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol, furthest_state

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, unknown
-from softcal.names import JOINT
+from softcal.limits import JOINT
 from softcal.project.project import Project, ProjectSource, load
 
 if TYPE_CHECKING:
@@ -86,6 +86,8 @@ def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, c
     InputError
         For any other path, an unknown calibration or a sweep, values for a run or for a project that is loaded already,
         or a project without measurements or free parameters.
+    ParameterError
+        For a project's value of a free parameter outside its bounds.
     StorageError
         For a folder that holds no run.
     """
@@ -102,10 +104,25 @@ def study_source(path: ProjectSource, values: Mapping[str, str] | None = None, c
         attempt = "softcal.load(path, values=…)"
         raise InputError(Fault("a project has its values already", "values", ", ".join(values), attempt=attempt))
     project = path if isinstance(path, Project) else load(path, values=values or {})
+    from softcal.twin.parameters import parameter_values
     from softcal.workflows.calibration import make_problem
 
     problem = make_problem(project)
-    return StudySource(problem, _present(problem), "", project)
+    of_robot = parameter_values(problem.robot)
+    # Of the rig's values those of the first experiment that has them.
+    of_rig = {name: value for e in reversed(problem.experiments) for name, value in e.rig_values().items()}
+    theta: dict[str, float] = {}
+    faults: list[Fault] = []
+    for p in problem.space.parameters:
+        serving = next(e for e in problem.experiments if p.serves(e.name))
+        present = {**of_robot, **of_rig, **serving.rig_values()}
+        theta[p.label] = sum(present[target] for target in p.targets) / len(p.targets)  # the mean of tied parameters
+        if not p.lower <= theta[p.label] <= p.upper:
+            got, allowed = f"{theta[p.label]:.6g} {p.unit}", f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
+            faults.append(Fault("the present value is outside its bounds", p.label, got, allowed, "--set, or a run"))
+    if faults:
+        raise ParameterError(faults)
+    return StudySource(problem, theta, "", project)
 
 
 def run_source(path: Path, calibration: str = "") -> StudySource:
@@ -146,27 +163,6 @@ def run_source(path: Path, calibration: str = "") -> StudySource:
 def default_folder(path: Path, name: str) -> Path | None:
     """Default folder of a study of this name: in the run; None for a project, whose study is only printed."""
     return path / name if path.is_dir() else None
-
-
-def _present(problem: Problem) -> dict[str, float]:
-    """Present values of the free parameters, per-experiment ones from the rig; tied parameters take the mean."""
-    from softcal.twin.parameters import parameter_values
-
-    of_robot = parameter_values(problem.robot)
-    # Of the rig's values those of the first experiment that has them.
-    of_rig = {name: value for e in reversed(problem.experiments) for name, value in e.rig_values().items()}
-    theta: dict[str, float] = {}
-    faults: list[Fault] = []
-    for p in problem.space.parameters:
-        serving = next(e for e in problem.experiments if p.serves(e.name))
-        values = {**of_robot, **of_rig, **serving.rig_values()}
-        theta[p.label] = sum(values[target] for target in p.targets) / len(p.targets)
-        if not p.lower <= theta[p.label] <= p.upper:
-            got, allowed = f"{theta[p.label]:.6g} {p.unit}", f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
-            faults.append(Fault("the present value is outside its bounds", p.label, got, allowed, "--set, or a run"))
-    if faults:
-        raise ParameterError(faults)
-    return theta
 
 
 @checked_arguments

@@ -22,7 +22,7 @@ from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError, unknown
-from softcal.executors.chosen import Workers
+from softcal.executors.each import Workers
 from softcal.html_text import summary
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench_names import experiments_named

@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.report.format import number
 from softcal.report.twin_view import TwinFrame, TwinView
 from softcal.sensing.channel import channel_name
-from softcal.sensing.sensors.plate import angles
+from softcal.sensing.sensors.pose import angles
 from softcal.twin.response import Response
 from softcal.units import format_quantity
 

@@ -12,7 +12,7 @@ from softcal.calibration.search.search import Progress
 from softcal.csv_text import csv_text
 from softcal.declare import checked_arguments
 from softcal.errors import Fault, InputError, ParameterError
-from softcal.executors.chosen import Workers
+from softcal.executors.each import Workers
 from softcal.project.project import ProjectSource, project_of
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.output import require_free_file, write_new_file

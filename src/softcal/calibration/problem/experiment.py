@@ -33,7 +33,7 @@ from softcal.experiments.dataset import Dataset
 from softcal.quantities import QUANTITIES, Quantity, noise_in
 from softcal.sensing.channel import ChannelName, channel_name, of_actuator, positions, readings
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.sensors.actuators import SHORTENING, TENSION
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import ParameterInfo
 

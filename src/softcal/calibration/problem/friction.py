@@ -11,7 +11,7 @@ import numpy as np
 from softcal.calibration.problem.experiment import Experiment
 from softcal.errors import Fault
 from softcal.experiments.steps.branches import PULLEY_STEP, branch_of
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.actuators import TENSION
 from softcal.twin.protocol import let_go_fault, lets_go
 from softcal.twin.robot import Robot
 

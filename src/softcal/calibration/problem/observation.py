@@ -15,7 +15,7 @@ from softcal.calibration.problem.pulley_gain import PulleyGain, gain_of, play
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.sensing.channel import ChannelName, positions
-from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.sensors.actuators import SHORTENING, TENSION
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Derivatives, Response
 from softcal.twin.robot import Robot

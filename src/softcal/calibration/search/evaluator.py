@@ -11,8 +11,7 @@ from itertools import islice
 from softcal.calibration.problem.problem import Contribution, Evaluation, Problem
 from softcal.calibration.search.optimiser import Proposal
 from softcal.errors import CalibrationError
-from softcal.executors.chosen import executor_of
-from softcal.executors.each import LostCall, each, here
+from softcal.executors.each import LostCall, each, executor_of, here
 from softcal.executors.executor import Executor, ExecutorLost
 
 _WORTH = 2.0  # [s]: an evaluation by itself that takes less is not worth the start of processes

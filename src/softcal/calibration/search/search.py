@@ -25,7 +25,7 @@ from softcal.calibration.search.live import told_live
 from softcal.calibration.search.optimiser import Optimiser, Proposal
 from softcal.calibration.search.outcome import Account, installed_versions
 from softcal.errors import CalibrationError, Fault, StorageError
-from softcal.executors.chosen import executor_of
+from softcal.executors.each import executor_of
 from softcal.executors.executor import Executor
 
 

@@ -39,7 +39,7 @@ from softcal.calibration.search.search import (
 from softcal.calibration.search.shared_study import SharedStudy, StudyIdentity, joinable_trials
 from softcal.calibration.search.storage_url import UnansweredError, storage_url
 from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
-from softcal.executors.chosen import executor_of
+from softcal.executors.each import executor_of
 from softcal.executors.executor import Executor
 
 _PAUSE = 0.5  # [s] between two looks at the trials of others

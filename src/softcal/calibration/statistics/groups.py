@@ -23,7 +23,7 @@ from softcal.calibration.statistics.residuals import FEWEST as SHORT
 from softcal.calibration.statistics.residuals import residual_record
 from softcal.calibration.statistics.reweighted import FEWEST, NONE
 from softcal.errors import Fault, InputError, unknown
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.actuators import TENSION
 from softcal.units import format_quantity
 
 _WORTH = 2.0  # independent samples in a piece of a record

@@ -40,6 +40,8 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
     No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
     studied = begin_study(source, values, calibration)
+    from rich.table import Table
+
     from softcal.workflows.mesh_study import MESH_STUDY, study
 
     folder = study_folder(MESH_STUDY, source, out)
@@ -50,7 +52,16 @@ def mesh_study(  # noqa: PLR0913 (one argument for each option)
     if studied.calibration:
         echo(f"Contribution of the mesh to the calibration '{studied.calibration}'")
     finer = [mesh for mesh in result.finer if not mesh.failure]
-    print_table(_sizes(result, finer))
+    keys = {"tets": "tets", "elements of rods": "rod_elements", "unknowns": "unknowns"}
+    shown = {what: key for what, key in keys.items() if getattr(result.size, key)}
+    sizes = Table("", *shown, "loss", "loss after shifts")
+    for name, size, loss, after in [
+        ("original", result.size, result.loss, None),
+        *((mesh.name, mesh.size, mesh.loss, mesh.reachable) for mesh in finer),
+    ]:
+        cells = ("" if size is None else f"{getattr(size, key):,}" for key in shown.values())
+        sizes.add_row(name, *cells, _number(loss, 4), _number(after, 4))
+    print_table(sizes)
     if finer:
         print_table(_changes(finer))
         print_table(_parameters(result, finer))
@@ -93,22 +104,6 @@ def _bars() -> Generator[Observer]:
             bars.update(tasks[name], completed=done, total=of)
 
         yield show
-
-
-def _sizes(study: MeshStudy, finer: Sequence[Finer]) -> Table:
-    """A line per discretisation: its size, and the loss at the calibrated values and after the shifts."""
-    from rich.table import Table
-
-    keys = {"tets": "tets", "elements of rods": "rod_elements", "unknowns": "unknowns"}
-    shown = {what: key for what, key in keys.items() if getattr(study.size, key)}
-    table = Table("", *shown, "loss", "loss after shifts")
-    for name, size, loss, after in [
-        ("original", study.size, study.loss, None),
-        *((mesh.name, mesh.size, mesh.loss, mesh.reachable) for mesh in finer),
-    ]:
-        sizes = ("" if size is None else f"{getattr(size, key):,}" for key in shown.values())
-        table.add_row(name, *sizes, _number(loss, 4), _number(after, 4))
-    return table
 
 
 def _changes(finer: Sequence[Finer]) -> Table:

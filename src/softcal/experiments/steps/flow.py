@@ -10,7 +10,7 @@ from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.step import Setting, register_step
 from softcal.sensing.channel import channel_name, of_kind
-from softcal.sensing.sensors.chamber import FLOW, VOLUME
+from softcal.sensing.sensors.actuators import FLOW, VOLUME
 from softcal.units import format_quantity
 
 

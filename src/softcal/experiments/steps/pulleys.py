@@ -20,7 +20,7 @@ from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import BRANCH, PULLEY_STEP, Branch, branch_of, pulley_exponent, require_branch
 from softcal.quantities import QUANTITIES
 from softcal.sensing.channel import channel_name
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.actuators import TENSION
 
 
 def pulley_gain(branch: Branch, exponent: float) -> tuple[float, float]:

@@ -12,8 +12,7 @@ from softcal.calibration.search.outcome import installed_versions
 from softcal.csv_text import csv_text
 from softcal.declare import Declared
 from softcal.errors import Fault, InputError
-from softcal.executors.chosen import Workers, executor_of
-from softcal.executors.each import results
+from softcal.executors.each import Workers, executor_of, results
 from softcal.export.engine import ENGINES
 from softcal.plugins.calculix.crosscheck import AGREES, Crosscheck, crosscheck
 from softcal.project.project import Project

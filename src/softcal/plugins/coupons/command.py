@@ -88,7 +88,7 @@ def coupon(  # noqa: PLR0913 (one argument for each option)
     ] = None,
 ) -> None:
     """Fit laws, alone or with a history, to coupon tests: intervals, errors held out, stability, a body's block."""
-    from softcal.names import part_name_fault
+    from softcal.limits import part_name_fault
     from softcal.workflows.output import require_free_folder
 
     data, predict, test, law, history = data or [], predict or [], test or [], law or [], history or []

@@ -11,7 +11,7 @@ from softcal.errors import Fault, InputError, ProjectFileError
 from softcal.executors.each import results
 from softcal.executors.executor import Executor
 from softcal.experiments.read import line_numbers
-from softcal.names import JOINT
+from softcal.limits import JOINT
 from softcal.plugins.fleet.table import FleetRow, FleetTable, merged, missing_files, row_project
 from softcal.project.yaml_file import read_document
 from softcal.workflows.calibration import plan

@@ -32,8 +32,7 @@ from softcal.experiments.read import line_numbers
 from softcal.experiments.table import Table, is_unit, load_table, split_header, uses_decimal_comma
 from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import open_text
-from softcal.limits import LIMITS
-from softcal.names import folded, name_fault
+from softcal.limits import LIMITS, folded, name_fault
 from softcal.project.document import Document, Entry, dotted, key_path
 from softcal.project.files import InputFiles, sha256
 from softcal.project.project import Project, load

@@ -18,8 +18,7 @@ from softcal.calibration.search.search import Progress
 from softcal.declare import checked_arguments
 from softcal.display import displayed
 from softcal.errors import ProjectFileError, SoftcalError, StorageError
-from softcal.executors.chosen import Workers, executor_of
-from softcal.executors.each import LostCall, each
+from softcal.executors.each import LostCall, Workers, each, executor_of
 from softcal.executors.executor import Executor
 from softcal.html_text import summary
 from softcal.plugins.fleet.check import FleetOrder, check_fleet

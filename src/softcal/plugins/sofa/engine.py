@@ -14,7 +14,7 @@ from softcal.plugins.sofa.install import find_sofa
 from softcal.plugins.sofa.robot import linear_robot, scene_faults
 from softcal.plugins.sofa.settings import SofaSettings
 from softcal.plugins.sofa.simulator import sofa_engine
-from softcal.sensing.sensors.chamber import PRESSURE, VOLUME
+from softcal.sensing.sensors.actuators import PRESSURE, VOLUME
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot

@@ -44,7 +44,7 @@ def write_scene(project: Project, cases: Mapping[str, Case], folder: Path) -> li
     """
     from softcal.plugins.sofa.settings import SofaSettings
     from softcal.plugins.sofa.writing import furthest, write_sofa
-    from softcal.sensing.sensors.cable import SHORTENING
+    from softcal.sensing.sensors.actuators import SHORTENING
     from softcal.workflows.cases import protocols_of
 
     stated = project.engines.get("sofa")

@@ -15,7 +15,7 @@ from softcal.mechanics.cable import cables_of
 from softcal.mechanics.chamber import ChamberTerm
 from softcal.plugins.sofa.scene import begins_first
 from softcal.sensing.channel import kinds
-from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.actuators import TENSION
 from softcal.twin.actuators.drive import Drive
 from softcal.twin.build import Twin
 from softcal.twin.parameters import parameter_values

@@ -18,9 +18,7 @@ from softcal.geometry.varied_section import VariedSection
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
 from softcal.plugins.sofa.rods import linear_rod
-from softcal.sensing.sensors.cable import SHORTENING
-from softcal.sensing.sensors.chamber import PRESSURE, VOLUME
-from softcal.sensing.sensors.drive import ANGLE, TORQUE
+from softcal.sensing.sensors.actuators import ANGLE, PRESSURE, SHORTENING, TORQUE, VOLUME
 from softcal.twin.actuated import NamedActuator
 from softcal.twin.actuators.chamber import Chamber
 from softcal.twin.actuators.drive import Drive

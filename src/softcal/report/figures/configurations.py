@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.calibration.results.digits import value_text
 from softcal.calibration.statistics.estimate import Estimate
-from softcal.report.compared import Compared, Configuration
+from softcal.report.compared import Compared
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.figures.overview import overview_curves
@@ -56,47 +56,38 @@ def draw_configurations(compared: Compared, estimates: Mapping[str, Estimate]) -
     largest = max(
         float(values.max()) for view in views for values in displacements(view.twin.rest, view.twin.bent).values()
     )
-    titles = [_title(view, compared, estimates) for view in views]
-    scenes = tuple(_scene(view, title, largest) for view, title in zip(views, titles, strict=True))
+    shapes: list[Scene] = []
+    for view in views:
+        moved = displacements(view.twin.rest, view.twin.bent)
+        parts, labels = twin_parts(view.twin, view.twin.bent, moved, largest)
+        size = length_scale(robot_points(view.twin.robot))
+        extra: list[Part] = [Ball(at, 0.013 * size, colour=RED) for at in view.measured.values()]
+        for name, at in view.simulated.items():
+            if np.linalg.norm(at - view.measured[name]) > 0.01 * size:
+                extra.append(Tube(np.stack([view.measured[name], at]), 0.003 * size, colour=RED))
+        plates = {plate.name for plate in view.twin.robot.plates}
+        kept = tuple(label for label in labels if label.text in plates)
+        if compared.length is None:
+            error = f"{number(1e3 * view.distance)} mm"
+        else:
+            error = f"{number(100 * view.distance / compared.length)} %"
+        texts: list[str] = []
+        for name, value in view.parameters.items():
+            known = estimates.get(name)
+            text = format_quantity(value, compared.units[name])
+            if known is not None and known.value == value:
+                text = value_text(known)
+            texts.append(f"{parameter_label(name, compared.units)} {text}")
+        n_shown = max(1, sum(len(", ".join(texts[: k + 1])) <= _LONGEST for k in range(len(texts))))
+        shown = ", ".join(texts[:n_shown]) + (", …" if n_shown < len(texts) else "")
+        shapes.append(Scene(f"{view.name}: {error}\n{shown}", (*parts, *extra), kept))
+    scenes = tuple(shapes)
     moved = [_mean_place(view.twin, bent=True) - _mean_place(view.twin, bent=False) for view in views]
     camera = bending_camera(extent_points(scenes), up_direction(views[0].twin.robot), np.mean(moved, axis=0))
     cameras = (camera,) * len(scenes)
     return draw_side_by_side(
         scenes, cameras, render_scenes(scenes, cameras), colours={"marker, measured": RED, "marker, simulated": SKY}
     )
-
-
-def _scene(view: Configuration, title: str, largest: float) -> Scene:
-    from softcal.report.style import RED
-
-    moved = displacements(view.twin.rest, view.twin.bent)
-    parts, labels = twin_parts(view.twin, view.twin.bent, moved, largest)
-    size = length_scale(robot_points(view.twin.robot))
-    extra: list[Part] = [Ball(at, 0.013 * size, colour=RED) for at in view.measured.values()]
-    for name, at in view.simulated.items():
-        if np.linalg.norm(at - view.measured[name]) > 0.01 * size:
-            extra.append(Tube(np.stack([view.measured[name], at]), 0.003 * size, colour=RED))
-    plates = {plate.name for plate in view.twin.robot.plates}
-    kept = tuple(label for label in labels if label.text in plates)
-    return Scene(title, (*parts, *extra), kept)
-
-
-def _title(view: Configuration, compared: Compared, estimates: Mapping[str, Estimate]) -> str:
-    """Name and error, with the parameters below."""
-    if compared.length is None:
-        error = f"{number(1e3 * view.distance)} mm"
-    else:
-        error = f"{number(100 * view.distance / compared.length)} %"
-    texts: list[str] = []
-    for name, value in view.parameters.items():
-        known = estimates.get(name)
-        text = format_quantity(value, compared.units[name])
-        if known is not None and known.value == value:
-            text = value_text(known)
-        texts.append(f"{parameter_label(name, compared.units)} {text}")
-    n_shown = max(1, sum(len(", ".join(texts[: k + 1])) <= _LONGEST for k in range(len(texts))))
-    shown = ", ".join(texts[:n_shown]) + (", …" if n_shown < len(texts) else "")
-    return f"{view.name}: {error}\n{shown}"
 
 
 def _mean_place(view: TwinView, *, bent: bool) -> np.ndarray:

@@ -14,7 +14,7 @@ from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import axis_label, channel_scale, file_stem, result_label
 from softcal.report.style import MEASURED, SIMULATED, count_axis, house_style, new_figure
-from softcal.sensing.sensors.plate import ANGLES
+from softcal.sensing.sensors.pose import ANGLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -204,8 +204,17 @@ def draw_surface(
         low, high = bar.norm.vmin, bar.norm.vmax
         if low and high and low > 0:
             plain_log_ticks(bar.ax.yaxis, low, high)
-    _draw_bounds(axes, result, pair, scales)
-    _draw_optimum(axes, result, pair, scales)
+    x, y = (result.parameters.get(name) for name in pair)
+    if x is not None and y is not None:
+        left, right = x.lower / scales[0].factor, x.upper / scales[0].factor
+        bottom, top = y.lower / scales[1].factor, y.upper / scales[1].factor
+        axes.plot(
+            [left, right, right, left, left], [bottom, bottom, top, top, bottom], color=MUTED, linestyle="--",
+            linewidth=1.0, label="bounds", zorder=3,
+        )  # fmt: skip
+        _axis_of_values(axes, x, left, right, margin=0.05)
+        _axis_of_values(axes, y, bottom, top, margin=0.05, upright=True)
+        _draw_optimum(axes, result, {pair[0]: x, pair[1]: y}, (x.value / scales[0].factor, y.value / scales[1].factor))
     axes.set_xlabel(scales[0].axis(parameter_label(pair[0], result.parameters)))
     axes.set_ylabel(scales[1].axis(parameter_label(pair[1], result.parameters)))
     axes.set_title(title)
@@ -308,20 +317,6 @@ def _loss_norm(loss: np.ndarray[Any, Any]) -> tuple[Any, np.ndarray[Any, Any] | 
     return LogNorm(low, high, clip=True), np.geomspace(low, high, 15)
 
 
-def _draw_bounds(axes: Axes, result: SearchResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
-    x, y = (result.parameters.get(name) for name in pair)
-    if x is None or y is None:
-        return
-    left, right = x.lower / scales[0].factor, x.upper / scales[0].factor
-    bottom, top = y.lower / scales[1].factor, y.upper / scales[1].factor
-    axes.plot(
-        [left, right, right, left, left], [bottom, bottom, top, top, bottom], color=MUTED, linestyle="--",
-        linewidth=1.0, label="bounds", zorder=3,
-    )  # fmt: skip
-    _axis_of_values(axes, x, left, right, margin=0.05)
-    _axis_of_values(axes, y, bottom, top, margin=0.05, upright=True)
-
-
 def _axis_of_values(
     axes: Axes, estimate: Estimate, low: float, high: float, *, margin: float = 0.0, upright: bool = False
 ) -> None:
@@ -334,17 +329,11 @@ def _axis_of_values(
         (axes.set_ylim if upright else axes.set_xlim)(low - more, high + more)
 
 
-def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
-    x, y = (result.parameters.get(name) for name in pair)
-    if x is None or y is None:
-        return
-    at = (x.value / scales[0].factor, y.value / scales[1].factor)
+def _draw_optimum(axes: Axes, result: SearchResult, of: Mapping[str, Estimate], at: tuple[float, float]) -> None:
     axes.plot(
         *at, marker="*", markersize=16, color=ORANGE, markeredgecolor=INK, linestyle="", label="optimum", zorder=5
     )
-    lines = [
-        f"{parameter_label(name, result.parameters)} = {value_text(e)}" for name, e in zip(pair, (x, y), strict=True)
-    ]
+    lines = [f"{parameter_label(name, result.parameters)} = {value_text(e)}" for name, e in of.items()]
     across, up = axes.transAxes.inverted().transform(axes.transData.transform(at))
     right, upper = across > 0.5, up > 0.5
     axes.annotate(

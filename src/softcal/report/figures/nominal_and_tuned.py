@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+from collections.abc import Iterator
+from itertools import chain, groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -74,7 +74,17 @@ def draw_comparison(bars: NominalComparison) -> Figure:
         figure.supylabel(f"Distance from measured position{unit}", fontsize=9)
         for axes in stack:
             axes.set_ylabel("")
-        _keep_numbers_apart(list(stack))
+        numbers = [[t for t in axes.texts if t.get_text().replace(".", "", 1).isdigit()] for axes in stack]
+        # The bars' labels are smaller where they overlap, and invisible where they still do.
+        for size in (7.0, 6.0, 5.0):
+            for text in chain(*numbers):
+                text.set_fontsize(size)
+            lay_out(stack[0])
+            if not any(map(overlapping, numbers)):
+                break
+        else:
+            for text in chain(*numbers):
+                text.set_visible(False)
         handles, labels = stack[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper right", ncols=2)
         return figure
@@ -85,34 +95,14 @@ def _draw_bars(axes: Axes, nominal: Floats, tuned: Floats, tuned_name: str) -> N
     for shift, values, colour, name in ((-_BAR / 2, nominal, LOOP, "nominal"), (_BAR / 2, tuned, BLUE, tuned_name)):
         bars = axes.bar(at + shift, np.nan_to_num(values), _BAR * 0.94, color=colour, label=name)
         if len(at) <= _NUMBERED:
-            texts = [_short(value) for value in values]
+            digits = [".1g" if value < 0.095 else ".1f" if value < 9.95 else ".0f" for value in values]
+            texts = [f"{v:{n}}" if np.isfinite(v) else "" for v, n in zip(values, digits, strict=True)]
             axes.bar_label(bars, texts, fontsize=7 if len(at) > 8 else 8, padding=1.5, color=INK)
     for i in np.flatnonzero(~np.isfinite(tuned)):
         axes.annotate(
             "not\nseen", (float(i), 0.0), (0, 2), textcoords="offset points", ha="center", fontsize=7, color=MUTED
         )
     axes.grid(visible=False, axis="x")
-
-
-def _keep_numbers_apart(stack: Sequence[Axes]) -> None:
-    """Shrink the bars' labels if they overlap; remove them if they still overlap."""
-    rows = [[t for t in axes.texts if t.get_text().replace(".", "", 1).isdigit()] for axes in stack]
-    for size in (7.0, 6.0, 5.0):
-        for text in (text for row in rows for text in row):
-            text.set_fontsize(size)
-        lay_out(stack[0])
-        if not any(map(overlapping, rows)):
-            return
-    for text in (text for row in rows for text in row):
-        text.set_visible(False)
-
-
-def _short(value: float) -> str:
-    if not np.isfinite(value):
-        return ""
-    if value < 0.095:
-        return f"{value:.1g}"
-    return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
 def _name_states(axes: Axes, bars: NominalComparison) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from softcal.report.section import Block, Gallery, Small, register_section
 from softcal.report.style import BLUE, FAINT, INK, RED, SEQUENTIAL, house_style, new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WORST = "mobility, worst direction"
@@ -56,6 +55,8 @@ def workspace_caption(found: Workspace) -> str:
 
 def draw_workspace(found: Workspace) -> Figure:
     """A panel for the mobility and each compliance over one or two channels; over three, one for each pair of them."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
     k = len(found.channels)
     quantities: dict[str, Floats] = {WORST: np.array([state.mobility[-1] for state in found.states])}
     quantities |= _softness(found) if k < 3 else {}
@@ -64,8 +65,37 @@ def draw_workspace(found: Workspace) -> Figure:
     with house_style():
         figure = new_figure(1.0 + 3.6 * len(panels), 3.4)
         for axes, (pair, label, values) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
-            shown = _panel(axes, found, pair, label, values)
-            if shown is not None and (k == 2 or pair == pairs[-1]):
+            names = [found.channels[i] for i in pair]
+            scales, border = [channel_scale(found.units[name]) for name in names], list(found.border)
+            places = found.places[:, list(pair)] / [scale.factor for scale in scales]
+            lost = [[state.channels[name] for name in names] for state in found.singular]
+            lost = np.reshape(lost, (-1, 2)) / [scale.factor for scale in scales]
+            if k == 1:
+                order = np.argsort(places[:, 0])
+                axes.plot(places[order, 0], values[order], color=BLUE)
+                axes.plot(places[border, 0], values[border], "o", color=INK, markersize=4)
+                for x in lost[:, 0]:
+                    axes.axvline(x, color=RED, linestyle="--")
+                axes.set(xlabel=scales[0].axis(names[0]), ylabel=label, ylim=(0.0, None))
+                continue
+            outline = list(places[np.array(found.outline)])
+            if k == 2:
+                shown = axes.tripcolor(  # pyright: ignore[reportCallIssue] (its stubs know no triangles by position)
+                    places[:, 0], places[:, 1], np.array(found.simplices), values, cmap=SEQUENTIAL, shading="gouraud"
+                )  # fmt: skip
+                axes.add_collection(LineCollection(outline, colors=INK, linewidths=1.0))
+                axes.plot(places[border, 0], places[border, 1], ".", color=INK, markersize=3)
+            else:  # the states in front of the shape's silhouette
+                axes.add_collection(PolyCollection(outline, facecolors=FAINT, edgecolors=FAINT))
+                shown = axes.scatter(places[:, 0], places[:, 1], 5.0, values, cmap=SEQUENTIAL, linewidths=0.0)
+            axes.plot(lost[:, 0], lost[:, 1], "D", color=RED, markersize=5)
+            axes.autoscale_view()
+            spans = np.ptp(places, axis=0)
+            if scales[0].unit == scales[1].unit and spans.max() < 3.0 * spans.min():
+                axes.set_aspect("equal", adjustable="datalim")
+            axes.set(xlabel=scales[0].axis(names[0]), ylabel=scales[1].axis(names[1]))
+            axes.grid(visible=False)
+            if k == 2 or pair == pairs[-1]:
                 figure.colorbar(shown, ax=axes, pad=0.02, aspect=28, label=label)
         return figure
 
@@ -79,41 +109,3 @@ def _softness(found: Workspace) -> dict[str, Floats]:
             scale = scale_of(compliance_unit(found.units[name]), float(np.nanmax(values)))
             labels[scale.axis(f"compliance {name}")] = np.array(values) / scale.factor
     return labels
-
-
-def _panel(axes: Axes, found: Workspace, pair: tuple[int, int], label: str, values: Floats) -> Any:
-    """A quantity over one channel or two; of three, the states in front of the shape's silhouette. What its colours are
-    scaled by, or None.
-    """
-    from matplotlib.collections import LineCollection, PolyCollection
-
-    names = [found.channels[i] for i in pair]
-    scales, border = [channel_scale(found.units[name]) for name in names], list(found.border)
-    places = found.places[:, list(pair)] / [scale.factor for scale in scales]
-    lost = [[state.channels[name] for name in names] for state in found.singular]
-    lost = np.reshape(lost, (-1, 2)) / [scale.factor for scale in scales]
-    if len(found.channels) == 1:
-        order = np.argsort(places[:, 0])
-        axes.plot(places[order, 0], values[order], color=BLUE)
-        axes.plot(places[border, 0], values[border], "o", color=INK, markersize=4)
-        for x in lost[:, 0]:
-            axes.axvline(x, color=RED, linestyle="--")
-        axes.set(xlabel=scales[0].axis(names[0]), ylabel=label, ylim=(0.0, None))
-        return None
-    if len(found.channels) == 2:
-        shown = axes.tripcolor(  # pyright: ignore[reportCallIssue] (its stubs know no triangles by position)
-            places[:, 0], places[:, 1], np.array(found.simplices), values, cmap=SEQUENTIAL, shading="gouraud"
-        )  # fmt: skip
-        axes.add_collection(LineCollection(list(places[np.array(found.outline)]), colors=INK, linewidths=1.0))
-        axes.plot(places[border, 0], places[border, 1], ".", color=INK, markersize=3)
-    else:
-        axes.add_collection(PolyCollection(list(places[np.array(found.outline)]), facecolors=FAINT, edgecolors=FAINT))
-        shown = axes.scatter(places[:, 0], places[:, 1], 5.0, values, cmap=SEQUENTIAL, linewidths=0.0)
-    axes.plot(lost[:, 0], lost[:, 1], "D", color=RED, markersize=5)
-    axes.autoscale_view()
-    spans = np.ptp(places, axis=0)
-    if scales[0].unit == scales[1].unit and spans.max() < 3.0 * spans.min():
-        axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel=scales[0].axis(names[0]), ylabel=scales[1].axis(names[1]))
-    axes.grid(visible=False)
-    return shown

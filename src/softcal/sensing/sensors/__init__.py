@@ -1,1 +1,1 @@
-"""The sensors: each a class in a file of its own, which registers itself."""
+"""The sensors: each a class, which registers itself."""

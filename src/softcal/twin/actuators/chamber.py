@@ -16,7 +16,7 @@ from softcal.errors import Fault, InputError, MeshError
 from softcal.geometry.surface import border
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.chamber import PRESSURE, VOLUME
+from softcal.sensing.sensors.actuators import PRESSURE, VOLUME
 from softcal.twin.actuated import Actuator, Numbering, register_actuator
 from softcal.units import format_quantity
 

@@ -13,7 +13,7 @@ from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.quantities import QUANTITIES, Angle, Factor, Quantity, Size, SpringRate, Tension
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensors.drive import ANGLE, TORQUE
+from softcal.sensing.sensors.actuators import ANGLE, TORQUE
 from softcal.twin.actuated import Actuator, Numbering, register_actuator
 
 if TYPE_CHECKING:

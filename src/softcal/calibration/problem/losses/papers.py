@@ -16,8 +16,8 @@ from softcal.checks import Floats
 from softcal.errors import Fault
 from softcal.quantities import quantity
 from softcal.sensing.channel import kinds
-from softcal.sensing.sensors.cable import TENSION
-from softcal.sensing.sensors.plate import PITCH
+from softcal.sensing.sensors.actuators import TENSION
+from softcal.sensing.sensors.pose import PITCH
 
 
 def paper_weights() -> dict[str, float]:

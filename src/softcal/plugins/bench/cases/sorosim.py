@@ -13,8 +13,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, SimulationError
-from softcal.executors.chosen import executor_of
-from softcal.executors.each import results
+from softcal.executors.each import executor_of, results
 from softcal.executors.executor import Executor
 from softcal.experiments.columns import number_in
 from softcal.experiments.text_file import open_text

@@ -1,4 +1,4 @@
-"""The pose of a plate: its position, and its angles as an IMU measures them."""
+"""The position of a marker, as cameras measure it, and the pose of a plate with its angles, as an IMU measures them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,28 @@ from softcal.checks import Floats
 from softcal.quantities import QUANTITIES
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture, PostureRates, Sensor, register_sensor
-from softcal.sensing.sensors.marker import POSITION
+
+POSITION = tuple(
+    ChannelKind(name, "m", axis=axis, noise=5e-4)  # a camera and a print
+    for axis, name in enumerate("xyz")
+)
+
+
+@register_sensor
+@dataclass(frozen=True)
+class MarkerSensor(Sensor):
+    """Position [m] of a marker in the robot's frame."""
+
+    marker: str
+    name: ClassVar[str] = "marker"
+    kinds: ClassVar[tuple[ChannelKind, ...]] = POSITION
+    of: ClassVar[str] = "markers"
+
+    def sense(self, robot: Posture) -> Floats:
+        return robot.point(self.marker)
+
+    def rates(self, robot: Posture, moving: PostureRates) -> Floats:
+        return moving.point(self.marker)
 
 
 def _angle(name: str, compared: int = 0) -> ChannelKind:
@@ -46,8 +67,13 @@ class PlateSensor(Sensor):
         return [*robot.point(self.plate), *angles(robot.rotation(self.plate))]
 
     def rates(self, robot: Posture, moving: PostureRates) -> Floats:
-        turning = _angle_rates(robot.rotation(self.plate)) @ moving.rotation(self.plate)
-        return np.concatenate([moving.point(self.plate), turning])
+        R, turning = robot.rotation(self.plate), np.zeros((3, 3))  # d(pitch, roll, yaw)/d omega, R <- exp(omega) R
+        for k in range(3):
+            dR = _SPINS[k] @ R  # omega x each column
+            turning[0, k] = (R[2, 2] * dR[0, 2] - R[0, 2] * dR[2, 2]) / (R[0, 2] ** 2 + R[2, 2] ** 2)
+            turning[1, k] = -dR[1, 2] / np.sqrt(max(1.0 - R[1, 2] ** 2, 1e-300))
+            turning[2, k] = (R[1, 1] * dR[1, 0] - R[1, 0] * dR[1, 1]) / (R[1, 0] ** 2 + R[1, 1] ** 2)
+        return np.concatenate([moving.point(self.plate), turning @ moving.rotation(self.plate)])
 
 
 def angles(R: Floats) -> tuple[float, float, float]:
@@ -65,14 +91,3 @@ def angles(R: Floats) -> tuple[float, float, float]:
 
 # omega x, for omega along each axis
 _SPINS = np.cross(np.eye(3)[:, None, :], np.eye(3)[None, :, :]).swapaxes(1, 2)
-
-
-def _angle_rates(R: Floats) -> Floats:
-    """d(pitch, roll, yaw)/d omega for R <- exp(omega) R; shape (3, 3)."""
-    rates = np.zeros((3, 3))
-    for k in range(3):
-        dR = _SPINS[k] @ R  # omega x each column
-        rates[0, k] = (R[2, 2] * dR[0, 2] - R[0, 2] * dR[2, 2]) / (R[0, 2] ** 2 + R[2, 2] ** 2)
-        rates[1, k] = -dR[1, 2] / np.sqrt(max(1.0 - R[1, 2] ** 2, 1e-300))
-        rates[2, k] = (R[1, 1] * dR[1, 0] - R[1, 0] * dR[1, 1]) / (R[1, 0] ** 2 + R[1, 1] ** 2)
-    return rates

@@ -6,10 +6,10 @@ from scripts.house import floors, house
 
 # Figure -> its limit at present, and its goal. A change that lowers a figure lowers the limit.
 LIMITS = {
-    "lines": (107_660, 73_000),
-    "lines of the core": (87_754, 50_000),
-    "private helpers called once": (427, 400),
-    "files below 60 lines": (82, 80),
+    "lines": (107_335, 73_000),
+    "lines of the core": (87_435, 50_000),
+    "private helpers called once": (386, 400),
+    "files below 60 lines": (74, 80),
     "share of imports [%]": (8.0, 7.0),
     "public functions of 3 arguments without Parameters": (0, 0),
 }

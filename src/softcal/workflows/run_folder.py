@@ -107,19 +107,7 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
     with new_folder(folder, "another --out, or --resume to go on with the run in it") as part:
         try:
             shutil.copyfile(project.path, part / PROJECT)
-            copies: dict[str, str] = {}
-            for number, (key, path) in enumerate(project.inputs.items()):
-                inside = not PurePath(key).is_absolute() and not {"..", "~"} & set(PurePath(key).parts)
-                # Files outside the project's folder get a numbered folder each.
-                place = Path(INPUTS, key) if inside else Path(INPUTS, "elsewhere", f"{number}-{path.name}")
-                (part / place).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(path, part / place)
-                copies[key] = place.as_posix()
-            for name, mesh in project.generated.items():
-                place = Path(INPUTS, "meshes", f"{name}.vtu")
-                (part / place).parent.mkdir(parents=True, exist_ok=True)
-                write_mesh(mesh, part / place)
-                copies[stored_mesh(name)] = place.as_posix()
+            copies = _copy_inputs(project, part)
             made = {name: sha256(part / place) for name, place in copies.items() if name not in project.hashes}
         except OSError as error:
             raise unwritable(folder, error) from error
@@ -421,3 +409,20 @@ def _digest(path: Path) -> str:
         return sha256(path)
     except OSError:
         return ""
+
+
+def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
+    """Copy the project's input files; files outside its folder get a numbered folder each."""
+    copies: dict[str, str] = {}
+    for number, (written, path) in enumerate(project.inputs.items()):
+        inside = not PurePath(written).is_absolute() and not {"..", "~"} & set(PurePath(written).parts)
+        place = Path(INPUTS, written) if inside else Path(INPUTS, "elsewhere", f"{number}-{path.name}")
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, folder / place)
+        copies[written] = place.as_posix()
+    for name, mesh in project.generated.items():
+        place = Path(INPUTS, "meshes", f"{name}.vtu")
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        write_mesh(mesh, folder / place)
+        copies[stored_mesh(name)] = place.as_posix()
+    return copies

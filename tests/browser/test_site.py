@@ -23,6 +23,7 @@ from softcal.cli.command import COMMANDS
 ROOT = Path(__file__).parents[2]
 WIDE, NARROW = 1400, 390
 SCRIPT = "gallery/2-calibration/plot_calibrate"
+AS_WRITTEN = ("code", "pre", "script", "style", "textarea")
 PAGES = ["index", "start", "faq", "mechanics", "reference/keys", "reference/commands", "gallery/index", SCRIPT]
 
 
@@ -87,15 +88,27 @@ def test_the_search_finds_a_word(site: Path, look: Callable[..., Seen]) -> None:
 
 
 class Places(HTMLParser):
-    """The links and the ids of a page."""
+    """The links and the ids of a page, and the text of its article in which marks of a link or of code are left."""
 
     def __init__(self, page: Path) -> None:
         super().__init__()
-        self.links, self.ids = list[str](), set[str]()
+        self.links, self.ids, self.raw = list[str](), set[str](), list[str]()
+        self._depth = dict.fromkeys(("article", *AS_WRITTEN), 0)
         self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_data(self, data: str) -> None:
+        is_prose = self._depth["article"] and not any(self._depth[tag] for tag in AS_WRITTEN)
+        if is_prose and ("](" in data or "`" in data):
+            self.raw.append(data.strip())
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in self._depth:
+            self._depth[tag] -= 1
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         told = dict(attrs)
+        if tag in self._depth:
+            self._depth[tag] += 1
         self.ids |= {told.get("id") or "", (told.get("name") or "") if tag == "a" else ""}
         if tag == "a" and told.get("href"):
             self.links.append(told["href"] or "")
@@ -115,6 +128,7 @@ def test_every_link_of_the_site_leads_to_a_place_that_is_there(site: Path) -> No
                     dead.append(f"{page.relative_to(site)}: {address}")
     assert n > 1000
     assert dead == []
+    assert {str(page.relative_to(site)): places.raw for page, places in pages.items() if places.raw} == {}
     own = {path.stem for path in (ROOT / "docs").glob("*.md")}
     assert own.isdisjoint({"search", "genindex", "py-modindex"}), "pages that the site makes itself"
 

@@ -49,6 +49,7 @@ myst_heading_anchors = 4
 autosummary_generate = ["reference/names.rst"]
 autodoc_typehints = "none"  # the docstrings have them
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True  # as written, not <function <lambda>>
 autodoc_default_options = {"members": True, "undoc-members": False}
 napoleon_google_docstring = False
 napoleon_use_rtype = False

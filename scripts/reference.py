@@ -174,13 +174,15 @@ def _mapping(path: str, kind: type, done: set[type]) -> Iterator[str]:
     done.add(kind)
     yield f"{_summary(kind)}\n"
     about, inner = _attributes(kind), dict[type, str]()
-    rows = ["| key | kind | default | example | meaning |\n|---|---|---|---|---|"]
+    has_meanings = any(about.get(name) for name, *_ in entries(kind))
+    heads = ("key", "kind", "default", "example", *["meaning"] * has_meanings)
+    rows = [f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}"]
     for name, annotation, default in entries(kind):
         for mapping in mappings(annotation):
             inner.setdefault(mapping, f"{path}.{name}{_names(annotation)}")
         shown = "below" if mappings(annotation) else _cell(f"`{example(kind, name)}`")
         cells = (f"`{name}`", _cell(kind_text(annotation)), default, shown, _cell(about.get(name, "")))
-        rows.append(f"| {' | '.join(cells)} |")
+        rows.append(f"| {' | '.join(cells[: len(heads)])} |")
     yield "\n".join(rows) + "\n"
     if issubclass(kind, ConstantsSection):
         yield "Each constant of its law is a key, too: `youngs_modulus: 2.3 MPa` ([laws](families.md#elastic-laws)).\n"

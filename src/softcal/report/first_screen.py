@@ -134,7 +134,7 @@ def budget_note(of: FirstScreen) -> str:
             "it."
         )
     return (
-        f"{bounds}The mesh's share is not included; softcal mesh-study estimates it, by meshes within its --unknowns."
+        f"{bounds}The mesh's share is not included; softcal mesh-study estimates it, with meshes up to its limit --unknowns."
     )
 
 

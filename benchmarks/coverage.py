@@ -329,7 +329,7 @@ def calibrated_study(case: Case, seed: int) -> CalibrationResult:
 def study(case: Case, seed: int) -> Problem:
     """One study: the twin's own answers at the truth, with noise."""
     chance = np.random.default_rng([seed, 2026])
-    if case.true is PNEUNET_TRUE:
+    if case.true == PNEUNET_TRUE:  # not `is`: a worker has a copy
         return _pneunet_study(case, chance)
     return _neck_study(case, chance) if case.n else _manipulator_study(case, chance)
 

@@ -165,7 +165,7 @@ def require_at_least(**counts: tuple[int, int]) -> None:
         raise ParameterError(faults)
 
 
-# The label of the calibration of all experiments together, which is kept beside those of each.
+# The label of the joint calibration, beside the labels of single experiments.
 JOINT = "joint"
 # Names that a file system, a run folder or the rig's own parameters take.
 _DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10)))

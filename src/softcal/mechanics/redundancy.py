@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -44,22 +44,18 @@ def require_independent(system: System, border: Border, unit: Floats, solved: Fl
     # Of one coordinate alone that is all: this is computed at every Newton step.
     if not which or (len(which) == 1 and np.linalg.norm(border.rows[:, which[0]]) > 0.0):
         return
-    rows = border.rows[:, which]
-
-    def elastic() -> Floats:
-        own = np.abs(border.corner.diagonal()[which])
-        whole = np.abs((rows * solved[:, which]).sum(axis=0)) + own
-        return np.divide(own, whole, out=np.zeros(len(which)), where=whole > 0.0)
-
+    rows, own = border.rows[:, which], np.abs(border.corner.diagonal()[which])
+    whole = np.abs((rows * solved[:, which]).sum(axis=0)) + own
+    elastic = np.divide(own, whole, out=np.zeros(len(which)), where=whole > 0.0)
     together = redundant(unit[:, None] * rows, elastic)
     if len(together):
         raise SimulationError(redundant_sentence([system.actuators[border.driven[which[i]]] for i in together]))
 
 
-def redundant(gradients: Floats, elastic: Callable[[], Floats]) -> Ints:
+def redundant(gradients: Floats, elastic: Floats) -> Ints:
     """The columns that take part in a combination that is zero; none where all are independent.
 
-    gradients: of each coordinate by the unknowns, (n_unknowns, n_driven). elastic: the share (n_driven,) of line and
+    gradients: of each coordinate by the unknowns, (n_unknowns, n_driven). elastic (n_driven,): the share of line and
     machine in what a coordinate changes by its effort, zero without stretch. Elastic lines share a load.
     """
     products = gradients.T @ gradients
@@ -70,7 +66,7 @@ def redundant(gradients: Floats, elastic: Callable[[], Floats]) -> Ints:
     if (2.0 * cosines.diagonal() - np.abs(cosines).sum(axis=0)).min() > _IN_SPAN:
         return np.zeros(0, dtype=np.int64)
     values, combinations = np.linalg.eigh(cosines)
-    none = np.abs(combinations[:, (values < _IN_SPAN) & (elastic() @ combinations**2 < _RIGID)])
+    none = np.abs(combinations[:, (values < _IN_SPAN) & (elastic @ combinations**2 < _RIGID)])
     return np.flatnonzero(none.max(axis=1, initial=0.0) > _TAKES_PART)
 
 

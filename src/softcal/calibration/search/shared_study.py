@@ -201,7 +201,7 @@ class SharedStudy:
                     trials = self._storage.trials
                     waiting = any(t.state.name == "WAITING" and t.number not in self._mine for t in trials)
                     if not waiting and len(_counted(trials) | self._mine) >= total:
-                        break  # none is to be tried again, and `total` have begun
+                        break  # no trial is left to repeat, and `total` trials have begun
                     trial = self._study.ask()
                     self._mine.add(trial.number)
                     if trial.number >= total and total <= sum(n < trial.number for n in _counted(self._storage.read())):

@@ -285,7 +285,7 @@ class _RowReader:
             self._unknown(header, name)
             return None
         leaf = [name]
-        if not keys:  # those of the template's values whose last part equals, or nearly equals, the name
+        if not keys:  # the template's values whose last part equals, or nearly equals, the name
             values = [key for key in self.keys if not isinstance(self._value(key), (dict, list))]
             near = get_close_matches(name, {key.rpartition(".")[2] for key in values}, n=1, cutoff=_NEAR)
             leaf = sorted(key for key in values if key.rpartition(".")[2] in near)

@@ -1,5 +1,5 @@
-"""What the mesh contributes, by the mesh study of one of the results; the estimates with their uncertainty, and what
-decides which output.
+"""Sections on the estimates: the error of the mesh, by a mesh study of one of the results; the estimates with their
+uncertainty; the importance of each parameter for each output.
 """
 
 from __future__ import annotations

@@ -34,6 +34,7 @@ from softcal.executors.executor import EXECUTORS
 from softcal.experiments.step import STEPS
 from softcal.export.engine import ENGINES
 from softcal.geometry.primitives import Primitive
+from softcal.geometry.shape import DrawnShape
 from softcal.materials.catalogue import LAWS
 from softcal.materials.infill import PrintInfill
 from softcal.materials.law import Law
@@ -83,6 +84,9 @@ FAMILIES: Mapping[str, tuple[Catalogue[Any], str]] = {
     "Sections of the report": (SECTIONS, "`softcal.register_section`."),
 }
 KEYS = Path(__file__).with_name("keys.yaml")  # examples of the keys that no example of softcal has
+MEANINGS = Path(__file__).with_name("meanings.yaml")  # of the keys that no docstring describes
+# Field -> section that has no such key in the file, but one for each name in it.
+BY_NAME: Mapping[str, type] = {"constants": ConstantsSection, "options": CalibrationSection}
 ROOT = Path(__file__).resolve().parents[1]
 DOCS, GALLERY = ROOT / "docs", ROOT / "gallery"
 EXAMPLES = ("beam", "bellows", "finger", "fleet", "manipulator", "neck", "neck-bench", "pneumatic-arm", "pneunet")
@@ -156,7 +160,7 @@ def _help(path: str, command: Any) -> Iterator[str]:
 
 
 def keys() -> str:
-    """Every key of the project file by its section: its kind, its range and its default."""
+    """Every key of the project file by its section: its kind, its range, its default and its meaning."""
     parts = [
         f"<!-- {NEW} -->\n# Keys of the project file\n",
         "At the top of the file are `softcal: 1`, the version of the format, `name: …`, a title, and these sections.",
@@ -173,26 +177,41 @@ def _mapping(path: str, kind: type, done: set[type]) -> Iterator[str]:
     """The table of a mapping's keys, and those of the mappings in it that were not described before."""
     done.add(kind)
     yield f"{_summary(kind)}\n"
-    about, inner = _attributes(kind), dict[type, str]()
-    has_meanings = any(about.get(name) for name, *_ in entries(kind))
-    heads = ("key", "kind", "default", "example", *["meaning"] * has_meanings)
-    rows = [f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}"]
+    inner = dict[type, str]()
+    rows = ["| key | kind | default | example | meaning |\n|---|---|---|---|---|"]
     for name, annotation, default in entries(kind):
-        for mapping in mappings(annotation):
+        below = mappings(annotation)
+        for mapping in below:
             inner.setdefault(mapping, f"{path}.{name}{_names(annotation)}")
-        shown = "below" if mappings(annotation) else _cell(f"`{example(kind, name)}`")
-        cells = (f"`{name}`", _cell(kind_text(annotation)), default, shown, _cell(about.get(name, "")))
-        rows.append(f"| {' | '.join(cells[: len(heads)])} |")
+        links = ", ".join(f"[{_title(one)}](#{_title(one).lower()})" for one in below)
+        shown = links or _cell(f"`{example(kind, name)}`")
+        cells = (f"`{name}`", _cell(kind_text(annotation)), default, shown, _cell(meanings()[kind, name]))
+        rows.append(f"| {' | '.join(cells)} |")
     yield "\n".join(rows) + "\n"
     if issubclass(kind, ConstantsSection):
         yield "Each constant of its law is a key, too: `youngs_modulus: 2.3 MPa` ([laws](families.md#elastic-laws)).\n"
+    if kind is CalibrationSection:
+        yield "Each option of a method or loss is a key, too: `starts: 5` ([families](families.md#losses)).\n"
     for mapping, at in inner.items():
         if mapping not in done:
             named = {"primitive": PRIMITIVES, "actuator": ACTUATORS}
             each = ((key, name) for key, family in named.items() for name, one in family.items() if one is mapping)
-            member = next((f", `{key}: {name}`" for key, name in each), "")
-            yield f"### `{at}`: {mapping.__name__.removesuffix('Section')}{member}\n"
+            member = next((f" with `{key}: {name}`" for key, name in each), "")
+            yield f"### {_title(mapping)}\n\n`{at}`{member}\n"
             yield from _mapping(at, mapping, done)
+
+
+def _title(kind: type) -> str:
+    return kind.__name__.removesuffix("Section")
+
+
+@functools.cache
+def meanings() -> dict[tuple[type, str], str]:
+    """Class of a mapping and key -> its meaning: of a docstring, or of `MEANINGS`."""
+    told = {kind.__name__: attributes(kind) for kind in described()}
+    for name, values in YAML(typ="safe").load(MEANINGS).items():
+        told[name] = values | told[name]
+    return {(kind, key): text for kind in described() for key, text in told[kind.__name__].items()}
 
 
 @functools.cache
@@ -263,7 +282,7 @@ def entries(kind: type) -> Iterator[tuple[str, Any, str]]:
     if not is_dataclass(kind):
         for name, info in kind.model_fields.items():
             default = "" if info.is_required() else "empty" if info.default_factory else _value(info.default)
-            if name == "constants" and issubclass(kind, ConstantsSection):  # each is a key by its own name
+            if issubclass(kind, BY_NAME.get(name, ())):
                 continue
             yield info.alias or name, hints[name], "required" if info.is_required() else default
     else:
@@ -297,10 +316,10 @@ def kind_text(annotation: Any) -> str:
         bool: "`true` or `false`",
         object: "any",
         np.ndarray: "list of numbers",
+        DrawnShape: "`drawn`",
     }
-    if annotation in names_of:
-        return names_of[annotation]
-    return getattr(annotation, "__name__", str(annotation)).removesuffix("Section")
+    plain = origin or annotation
+    return names_of[plain] if plain in names_of else _title(plain)
 
 
 def mappings(annotation: Any) -> list[type]:
@@ -310,7 +329,7 @@ def mappings(annotation: Any) -> list[type]:
     if annotation is Actuator:
         return list(ACTUATORS.values())
     if inspect.isclass(annotation) and (issubclass(annotation, Section) or is_dataclass(annotation)):
-        return [] if annotation is Quantity else [annotation]
+        return [] if annotation in (Quantity, DrawnShape) else [annotation]  # a file has `drawn`, without keys
     inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
     return [mapping for one in inner for mapping in mappings(one)]
 
@@ -346,12 +365,14 @@ def _summary(kind: Any) -> str:
     return re.split(r"\n\n?[A-Z][a-z]+\n-{3,}", text)[0].strip()
 
 
-def _attributes(kind: type) -> dict[str, str]:
-    """Attribute -> its description in the docstring."""
-    text = (inspect.getdoc(kind) or "").partition("Attributes\n----------\n")[2]
+def attributes(kind: type) -> dict[str, str]:
+    """Attribute -> what the docstrings of a class and its bases say, in words, of this one alone."""
     about: dict[str, str] = {}
-    for match in re.finditer(r"^(\w[\w, ]*)(?: : .*)?\n((?:    .*\n?)+)", text, re.MULTILINE):
-        about |= dict.fromkeys(match[1].split(", "), " ".join(match[2].split()))
+    for base in reversed(kind.__mro__):
+        text = inspect.cleandoc(base.__doc__ or "").partition("Attributes\n----------\n")[2].partition("\n\n")[0]
+        for name, told in re.findall(r"^(\w+)(?: : |\n {4})(.+(?:\n {4}.+)*)", text, re.MULTILINE):
+            if re.search("[a-z]{3}", re.sub(r"\[.*?\]", "", told)):
+                about[name] = " ".join(told.replace("None:", "without it,").split()).rstrip(".")
     return about
 
 

@@ -37,7 +37,7 @@ class ColumnSpec(Declared):
     Attributes
     ----------
     name : The column's header, with or without its unit
-    unit : Unit of the numbers; None reads it from the file
+    unit : Unit of the numbers; None: that in the file
     scale : Factor on the numbers, such as -1 for a machine that writes tension negative; or the constant of a sensor
         that writes another quantity, such as 4096 counts/turn, 1.2 N*m/A or 2 mV/N
     """

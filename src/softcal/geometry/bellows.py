@@ -38,7 +38,7 @@ class Bellows(Primitive):
     pitch : Length of a fold along the axis [m]
     wall : Thickness of the wall [m]
     cap : Thickness of the cap [m]
-    folds : Their number
+    folds : Number of folds along the axis
     layers, rings : Numbers of elements along a fold, and across the wall and the cap
     sectors : Number of elements around the axis, even
     order : 2 for quadratic tets, 1 for linear ones

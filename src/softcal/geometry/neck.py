@@ -82,7 +82,7 @@ class Neck(Filled):
         Ratio of element sizes away from and at the waists, where the stress is singular [-]; varied by up to a fifth at
         some waists if needed for the target number of tets. The target size is that away from the waists.
     sectors
-        Number of sectors of the sweep, even; the mesh is then symmetric about the plane y = 0. None: Delaunay.
+        Number of sectors of the sweep, even; the mesh is then symmetric about the plane y = 0; None: Delaunay.
     """
 
     outer_diameter: Size = 0.038

@@ -120,7 +120,7 @@ class Polyline(RodShape):
 
     Attributes
     ----------
-    points : Points (n, 3) [m] on it
+    points : Points (n, 3) [m] on the curve, in order
     first : Direction (3,) whose part normal to the curve becomes axis 1 of the first section; None: any
     """
 

@@ -25,9 +25,9 @@ class PathLimits(Declared):
     Attributes
     ----------
     factorisations
-        Of one path.
+        Largest number on one path.
     creeping
-        By which a path gains less than 1 % of its length so far.
+        Largest number by which a path gains less than 1 % of its length so far.
     failing
         The same where an element fails: it is compressed to less than 0.3 of its volume.
     cpu_time

@@ -72,7 +72,7 @@ class Springs(Declared):
 
     Attributes
     ----------
-    youngs_modulus : [Pa], or that of each spring by its name
+    youngs_modulus : Young's modulus of the wire [Pa], or that of each spring by its name
     poissons_ratio, density : [-], [kg/m^3]
     wire_diameter, coil_diameter : The latter from wire centre to wire centre [m]
     turns, left_handed : Number of turns [-], and sense
@@ -126,8 +126,8 @@ class Cables(Declared):
     ends : Disc at which cables end -> azimuth [rad] of the first of them, about +z from +x
     per_end : Number of cables at each of these discs, evenly spaced
     exit : Distance behind the base at which they are pulled [m]
-    friction_coefficient : Between cables and guide holes [-]
-    line : What they are made of
+    friction_coefficient : Coefficient of friction between cables and guide holes [-]
+    line : Stretch, pretension and friction of each
     """
 
     radius: Clearance = 0.025

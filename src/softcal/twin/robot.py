@@ -257,7 +257,7 @@ class Disc(Declared):
     ----------
     diameter, thickness : [m]
     axis, centre : Unit vector (3,) and point (3,) [m] in the rest frame, by default the plate's reference
-    hole_diameter : That of the plate's guide holes [m]
+    hole_diameter : Diameter of the plate's guide holes [m]
     """
 
     diameter: Size

@@ -54,7 +54,7 @@ class TimeSettings(Declared):
         Of bodies: on the `strain`, or with the `tangent` of their forces, which is SOFA's and adds energy to a body
         compressed beyond its own buckling load; by default the first in converged steps, else the second.
     masses
-        `consistent` or `lumped`, of bodies.
+        Mass matrix of bodies, `consistent` or `lumped` at the nodes.
     start
         At equilibrium under the dead loads, with the pretensions of cables that no tension drives, or at rest without
         both.

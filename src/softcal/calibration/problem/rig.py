@@ -21,7 +21,7 @@ class Pulleys(Declared):
     ----------
     count : Number of pulleys
     wrap : Angle [rad] that the cable wraps of each
-    friction_coefficient : That with which the dataset's tension was brought to the neck's side [-]
+    friction_coefficient : Coefficient by which the dataset's tension was brought to the neck's side [-]
     friction_memory : Whether the friction reverses with the cable: the dataset's tension then is the machine's, of both
         branches
     presliding : Travel [m] over which friction with a memory builds up; None: 0.1 mm
@@ -54,7 +54,7 @@ class CommonRig(Declared):
 
     Attributes
     ----------
-    pulleys : Those between machine and neck; None: there are none
+    pulleys : Pulleys between machine and neck; None: there are none
     length : Length [m] of which reports give distances in per cent; None: they do not
     """
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from softcal.calibration.run import calibrate
 from softcal.checks import Floats
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.neck import Neck
+from softcal.twin.barrier import Contact
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
@@ -27,10 +28,10 @@ HERE = Path(__file__).resolve().parent
 CURVE = HERE / "table_one.csv"
 TRUE = {E: 3.3e6, NU: 0.45}
 REACH = 35e-3  # [m]
-FINE = Neck(dome="ellipse", tets=37000, waist_refinement=16.0, sectors=12)
-HALF_AS_FINE = Neck(dome="ellipse", tets=4584, waist_refinement=16.0, sectors=6)
-PAPERS_MESH = Neck(dome="ellipse", tets=4000, order=1)
-DEFAULT_MESH = Neck(dome="ellipse", tets=2000, waist_refinement=12.0, sectors=6)
+FINE = Neck(tets=37000, waist_refinement=16.0, sectors=12)
+HALF_AS_FINE = Neck(tets=4584, waist_refinement=16.0, sectors=6)
+PAPERS_MESH = Neck(tets=4000, order=1)
+DEFAULT_MESH = Neck(tets=2000, waist_refinement=12.0, sectors=6)
 RATIOS = (0.4, 0.4999)  # the paper's bounds
 SAMPLES, SEED, TRIALS, REPEATS = 200, 1, 1000, 50
 SEEDS = range(1, 7)  # of TPE: one for each test, all for the first
@@ -119,10 +120,14 @@ def solved(shape: Neck) -> Curve:
     """The twin's curve at the truth."""
     d = np.linspace(0.0, REACH, 71)
     mesh = shape.mesh()
-    seen = simulate(neck_robot(mesh, "P2P1", TRUE[E], TRUE[NU]), pull(d), curve_tolerance=1e-4)
+    seen = simulate(_touching(neck_robot(mesh, "P2P1", TRUE[E], TRUE[NU])), pull(d), curve_tolerance=1e-4)
     if not seen.succeeded:
         raise RuntimeError(seen.status)
     return Curve(mesh.n_tets, d, seen.channels[TENSION], seen.channels[PITCH])
+
+
+def _touching(robot: Robot) -> Robot:
+    return replace(robot, contact=Contact())
 
 
 def write_curve(curve: Curve, path: Path = CURVE) -> None:
@@ -223,8 +228,8 @@ def linear() -> tuple[Robot, NeckTable]:
 @cache
 def default() -> tuple[Robot, NeckTable]:
     """The neck of `softcal init neck`, softcal's default element, and its table."""
-    robot = neck_robot(DEFAULT_MESH.mesh(), "P2P1")
-    return robot, neck_table(robot, REACH + 3e-3, (0.395, 0.49995), (10, 6))
+    robot = _touching(neck_robot(DEFAULT_MESH.mesh(), "P2P1"))
+    return robot, neck_table(robot, REACH + 3e-3, (0.395, 0.49995), (48, 8))
 
 
 Kind = tuple[Robot, NeckTable]

@@ -46,7 +46,7 @@ from softcal.mechanics.contact_stiffness import ContactStiffness
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.moving_boxes import order_of
 from softcal.mechanics.near_pairs import NearPairs
-from softcal.mechanics.term import Given, Sum, Term
+from softcal.mechanics.term import Given, Sum, Term, Theta
 from softcal.mechanics.weighted_blocks import blocks_on_points
 from softcal.units import format_quantity
 
@@ -165,9 +165,12 @@ class ContactTerm(Term):
                 into[name].points[self.points] += rate * gradient
 
     def energy(self, given: Given) -> float:
-        V = self.vertices(given.state.x)
-        energy = self._push(V, self.stiffness.at(given.theta), tangent=False)[1]
-        return energy if self.before is None else energy + self._friction(V)[0]
+        energy = self.stored(given.state.x, given.theta)
+        return energy if self.before is None else energy + self._friction(self.vertices(given.state.x))[0]
+
+    def stored(self, x: Floats, theta: Theta) -> float:
+        """The energy [J] of the pressure at positions x (n_points, 3) and parameter values theta [SI]."""
+        return self._push(self.vertices(x), self.stiffness.at(theta), tangent=False)[1]
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """The term with friction, where there is any."""

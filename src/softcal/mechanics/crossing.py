@@ -61,18 +61,18 @@ class Skins:
     def crossings(self, x: Floats) -> Crossings:
         """The bodies that intersect at positions x (n_points, 3) [m], except pairs that intersect at rest."""
         found = self._crossings(self._vertices(x))
-        for pair, depth in self._overlaps(x).items():
+        for pair, depth in self.overlaps(x).items():
             found[pair] = max(found.get(pair, 0.0), depth)
         return {pair: depth for pair, depth in found.items() if pair not in self.at_rest}
 
     def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
         """The same pairs without depths, which is much faster for one body."""
         if len(self.names) == 1 and not self.at_rest:
-            crosses = self._overlaps(x) or self._intersect(self._taken_in(self._vertices(x)))
+            crosses = self.overlaps(x) or self._intersect(self._taken_in(self._vertices(x)))
             return frozenset([(self.names[0], self.names[0])] if crosses else [])
         return frozenset(self.crossings(x))
 
-    def _overlaps(self, x: Floats) -> Crossings:
+    def overlaps(self, x: Floats) -> Crossings:
         """The bodies whose points would be in contact, and their largest depth [m] beyond the other's surface."""
         points, simplices, depth = self.touch.overlaps(x)
         press = depth > TOUCH * self.touch.depth

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from softcal.checks import Ints
+from softcal.checks import Floats, Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import interpolated
+from softcal.mechanics.term import Theta
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.actuators import SHORTENING
 from softcal.twin.barrier import Contact
@@ -24,6 +25,7 @@ from softcal.units import format_quantity, readable_unit, unit_factor
 INSET = 0.02  # of the cores' depth: touching skins do not count as crossing
 BISECTIONS = 6
 REMEDY = ": set contact: true"
+SLIGHT = 1e-3  # of the actuator's work: a contact that changes it by less is no reason to doubt the shapes
 
 Pair = tuple[str, str]
 
@@ -74,9 +76,16 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
 
 
 def crossed_on_path(
-    skins: Skins | None, layout: Layout, nodes: Sequence[Node], end: float, driven: tuple[str, ChannelKind]
-) -> str:
-    """The sentences on crossings along a path of one actuator's coordinate.
+    skins: Skins | None,
+    layout: Layout,
+    nodes: Sequence[Node],
+    end: float,
+    driven: tuple[str, ChannelKind],
+    work: Floats,
+    theta: Theta,
+) -> tuple[str, str]:
+    """The sentences on crossings along a path of one actuator's coordinate: on those that are a reason to doubt the
+    shapes, and on slight ones.
 
     Parameters
     ----------
@@ -90,11 +99,16 @@ def crossed_on_path(
         Coordinate up to which crossings count [SI].
     driven
         Name of the actuator, and the kind of its coordinate.
+    work
+        Work of the actuator up to each node (n,) [J].
+    theta
+        Parameter values by dotted name [SI].
     """
     if skins is None:
-        return ""
+        return "", ""
     crossing = [skins.pairs(node.state.x) for node in nodes]
-    sentences: list[str] = []
+    doubts: list[str] = []
+    slight: list[str] = []
     for pair in sorted({pair for one in crossing for pair in one}):
 
         def crosses(a: Node, b: Node, c: float, pair: Pair = pair) -> bool:
@@ -108,11 +122,21 @@ def crossed_on_path(
         if len(nodes) == 1 and spans:
             spans = ["under the loads"]
         if spans:
-            i = max(i for i, one in enumerate(crossing) if pair in one)
+            at = [i for i, one in enumerate(crossing) if pair in one]
+            i = at[-1]
             beyond = nodes[i].c > end and i > 0
             shape = interpolated(layout, nodes[i - 1], nodes[i], end) if beyond else nodes[i].state
-            sentences.append(_sentence(pair, " and ".join(spans), skins.crossings(shape.x).get(pair, 0.0)))
-    return "".join(sentences)
+            where, depth = " and ".join(spans), skins.crossings(shape.x).get(pair, 0.0)
+            # At its coordinate, contact raises the robot's least energy by at most what it stores in this shape. Parts
+            # deep inside each other, or between the points that press, store less than they should.
+            presses = all(0.0 < skins.overlaps(nodes[k].state.x).get(pair, 0.0) < skins.touch.depth for k in at)
+            change = max(skins.touch.stored(nodes[k].state.x, theta) / max(work[k], 1e-300) for k in at)
+            if presses and change < SLIGHT:
+                changes = f", where contact would change the work of {driven[0]} by less than {100 * SLIGHT:g} %"
+                slight.append(_sentence(pair, where, depth, changes))
+            else:
+                doubts.append(_sentence(pair, where, depth))
+    return "".join(doubts), "".join(slight)
 
 
 def span_in_words(begin: float | None, stop: float | None, name: str, kind: ChannelKind = SHORTENING) -> str:
@@ -176,7 +200,7 @@ def crossed_at(found: Sequence[tuple[str, dict[Pair, float]]]) -> str:
     return "".join(sentences)
 
 
-def _sentence(pair: Pair, where: str, depth: float) -> str:
+def _sentence(pair: Pair, where: str, depth: float, end: str = REMEDY) -> str:
     what = f"{pair[0]} intersects itself" if pair[0] == pair[1] else f"{pair[0]} and {pair[1]} intersect"
     how_deep = f", by about {format_quantity(depth, 'm', digits=2)}" if depth > 0.0 else ""
-    return f" {what} {where}{how_deep}{REMEDY}."
+    return f" {what} {where}{how_deep}{end}."

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
@@ -138,6 +139,12 @@ class EquilibriumPath:
     def shortening(self, state: State) -> float:
         """Shortening of the driven actuator at a state [m]."""
         return float(self.twin.system.coordinates(state, self.statics.theta)[self.number])
+
+    def work(self, nodes: Sequence[Node]) -> Floats:
+        """The driven actuator's work [J] at some nodes (n,), from the one where its effort is least."""
+        c, effort = np.array([(node.c, float(node.state.effort[self.number])) for node in nodes]).T
+        work = cumulative_trapezoid(effort, c, initial=0.0)
+        return np.abs(work - work[np.abs(effort).argmin()])
 
     def slack_node(self, start: Node) -> Node:
         """The same state with the driven actuator slack: taking up its slack moves nothing."""

@@ -92,18 +92,25 @@ class Sweep:
 
     def _response(self, samples: Samples, shapes: list[Snapshot]) -> Response:
         along, units, path = self.along, self.along.units, samples.path
-        snaps, crossed = instability(UNDER_LOADS) if path.nodes[0].is_snapped else "", ""
+        snaps, crossed, slightly = instability(UNDER_LOADS) if path.nodes[0].is_snapped else "", "", ""
         if at := [node.c for node in path.nodes[1:] if node.is_snapped]:
             snaps += instability(f"at {along.place(*at)}")
         remarks = along.twin.system.remarks(path.nodes[-1].state, along.statics.theta)
         if self.crossings:
             kind = SHORTENING if along.actuator is None else along.channels[0]
-            driven = (along.actuator or "", kind)
-            crossed = crossed_on_path(along.twin.skins, along.twin.system.layout, path.nodes, samples.end, driven)
+            crossed, slightly = crossed_on_path(
+                along.twin.skins,
+                along.twin.system.layout,
+                path.nodes,
+                samples.end,
+                driven=(along.actuator or "", kind),
+                work=np.zeros(len(path.nodes)) if along.actuator is None else along.work(path.nodes),
+                theta=along.statics.theta,
+            )
         return Response(
             channels=by_column(units, samples.values),
             units=units,
-            status=samples.status + snaps + crossed + remarks,
+            status=samples.status + snaps + crossed + slightly + remarks,
             succeeded=samples.succeeded,
             instabilities=snaps.strip(),
             crossings=crossed.strip(),

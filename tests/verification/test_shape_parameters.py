@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grid_neck import grid_neck
 from mechanics_cases import column_robot, elastic, pulled, require_derivatives, tensed
 from scipy.spatial import KDTree
 
@@ -15,7 +16,7 @@ from softcal.geometry.disc import SolidDisc
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import Neck
 from softcal.geometry.placement import Placement, Turn, placed_mesh
-from softcal.geometry.primitives import box_mesh
+from softcal.geometry.primitives import Primitive, box_mesh
 from softcal.geometry.quality import check_quality
 from softcal.geometry.read import read_mesh
 from softcal.geometry.shape import DrawnShape, PrimitiveShape
@@ -68,6 +69,20 @@ def bellows_robot(bellows: Bellows) -> Robot:
     plate = Plate("plate", {"neck": mesh.node_sets["top"]}, at, 0.01, at + [0.004, 0.002, 0.0])
     main = NamedActuator("main", Chamber({"neck": "cavity"}, dead_volume=2e-6))
     return Robot((body,), (plate,), actuators=(main,), gravity=[0.0, 0.0, -9.81])
+
+
+def require_slopes(robot_of, primitive: Primitive, key: str, protocol: Protocol, channels: tuple[str, ...]) -> None:
+    """The derivatives by a length are the central differences of robots with bodies that are meshed anew."""
+    value, share = getattr(primitive, key), 0.003
+    less, more = (
+        simulate(robot_of(primitive.with_lengths({key: (1.0 + s) * value})), protocol).channels for s in (-share, share)
+    )
+    found = simulate(robot_of(primitive), protocol, sensitivities=(f"neck.{key}",))
+    assert found.succeeded
+    for channel in channels:
+        slope = (more[channel] - less[channel]) / (2.0 * share * value)
+        got = found.sensitivities[channel][f"neck.{key}"]
+        np.testing.assert_allclose(got, slope, rtol=1e-3, atol=1e-9, err_msg=channel)
 
 
 def drawn(robot: Robot) -> Robot:
@@ -176,20 +191,33 @@ def test_the_channels_of_a_bellows_follow_its_lengths(key, command, monkeypatch)
 @pytest.mark.slow
 @pytest.mark.parametrize("key", Bellows.lengths)
 def test_the_slopes_of_a_bellows_are_those_of_other_bellows(key):
-    """Central differences of bellows that are meshed anew: pressure, volume and the place of the top."""
-    value, share = getattr(BELLOWS, key), 0.003
     for command in (Command("pressure", [4e3]), Command("volume", [4e-6])):
-        protocol = Protocol({"main": command})
-        less, more = (
-            simulate(bellows_robot(replace(BELLOWS, **{key: (1.0 + s) * value})), protocol).channels
-            for s in (-share, share)
-        )
-        found = simulate(bellows_robot(BELLOWS), protocol, sensitivities=(f"neck.{key}",))
-        assert found.succeeded
-        for channel in ("main.pressure", "main.volume", "plate.z"):
-            slope = (more[channel] - less[channel]) / (2.0 * share * value)
-            got = found.sensitivities[channel][f"neck.{key}"]
-            np.testing.assert_allclose(got, slope, rtol=1e-3, atol=1e-9, err_msg=channel)
+        channels = ("main.pressure", "main.volume", "plate.z")
+        require_slopes(bellows_robot, BELLOWS, key, Protocol({"main": command}), channels)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", Neck.lengths)
+def test_the_slopes_of_a_neck_are_those_of_other_necks(key):
+    """By the same tets, since two meshes of Gmsh differ by more than two necks of nearly the same length do."""
+
+    def robot_of(neck: Neck) -> Robot:
+        return neck_robot(grid_neck(neck), neck)
+
+    require_slopes(robot_of, Neck(n_bells=2), key, pulled(0.008), ("front.tension", "plate.pitch", "plate.z"))
+
+
+@pytest.mark.parametrize("key", Neck.lengths)
+@pytest.mark.parametrize("dome", ["cubic", "ellipse", ((0.13, 0.31), (0.36, 0.71))])
+def test_a_moved_neck_is_the_one_meshed_anew(key, dome):
+    """Node by node, within the decimals to which it is meshed: the plane of the clamp, which cuts a dome, stays."""
+    neck = Neck(n_bells=3, dome=dome)
+    mesh, other = grid_neck(neck), neck.with_lengths({key: 1.05 * getattr(neck, key)})
+    points, _ = PrimitiveShape(neck).moved(mesh, np.zeros(0, dtype=int), {key: getattr(other, key)})
+    anew = grid_neck(other)
+    np.testing.assert_array_equal(mesh.tets, anew.tets)
+    np.testing.assert_allclose(points, anew.points, atol=2e-10)
+    assert abs(points - mesh.points).max() > 1e-4
 
 
 @pytest.mark.parametrize("key", Bellows.lengths)
@@ -243,7 +271,7 @@ def test_a_moved_neck_pulls_as_one_that_is_meshed_anew():
         np.testing.assert_allclose(moved, tension[share], rtol=error)
     found = simulate(robot, protocol, sensitivities=(f"neck.{key}",))
     slope = (tension[1.04] - tension[0.96]) / (0.08 * value)
-    np.testing.assert_allclose(found.sensitivities["front.tension"][f"neck.{key}"], slope, rtol=error / 0.04)
+    np.testing.assert_allclose(found.sensitivities["front.tension"][f"neck.{key}"], slope, rtol=1e-3)
 
 
 @pytest.mark.parametrize("key", Neck.lengths)

@@ -48,9 +48,9 @@ AS_PUBLISHED: Any = None  # a length in the published proportion, which `Neck` c
 
 # Shapes of a dome by name: the share of its width at a share of its height, both from the waist. The cubic leaves the
 # waist at an angle, as the printed neck does; the ellipse leaves it flat, in a cusp under the next link.
-DOMES: dict[str, Callable[[float], float]] = {
+DOMES: dict[str, Callable[[Floats], Floats]] = {
     "cubic": lambda depth: 1.0 - (1.0 - depth) ** 3,
-    "ellipse": lambda depth: math.sqrt(1.0 - (1.0 - depth) ** 2),
+    "ellipse": lambda depth: np.sqrt(1.0 - (1.0 - depth) ** 2),
 }
 Dome = Annotated[Literal["cubic", "ellipse"] | tuple[tuple[Share, Share], ...], ByShape()]
 
@@ -97,7 +97,7 @@ class Neck(Filled):
     clamp_depth: Size = AS_PUBLISHED
     waist_refinement: Refinement = 1.0
     sectors: Annotated[int, LIMITS["sectors"]] | None = None
-    # The collar is rigid, and the clamp ends where its nodes do.
+    # The collar is rigid, and the depth of the clamp is a parameter of the body's `clamp`.
     lengths: ClassVar[tuple[str, ...]] = (
         "outer_diameter",
         "bottom_link_height",
@@ -135,14 +135,8 @@ class Neck(Filled):
         for name, value, other, limit, may_equal in limits:
             if value > limit or (value == limit and not may_equal):
                 sign = "<=" if may_equal else "<"
-                faults.append(
-                    Fault(
-                        "a length of the neck is too large",
-                        where=name,
-                        got=f"{value:g} m",
-                        allowed=f"{sign} {other}, {limit:g} m",
-                    )
-                )
+                allowed = f"{sign} {other}, {limit:g} m"
+                faults.append(Fault("a length of the neck is too large", name, f"{value:g} m", allowed))
         if faults:
             raise MeshError(faults)
 
@@ -151,13 +145,28 @@ class Neck(Filled):
 
     @property
     def knots(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Ascending radii and heights [m] of the map of nodes: at every height points within the waists' radius keep
-        their share of that radius, and points outside keep theirs of the rest; along a dome the profile has the same
-        share of both.
-        """
+        """Radii of the waists and the links; heights of the clamp's plane, the waists and the domes between them."""
         radii = (0.0, 0.5 * self.waist_diameter, 0.5 * self.outer_diameter)
-        domes = (z for top in self.waists for z in (top - self.dome_height, top))
-        return radii, (0.0, *domes, self.height)
+        first, *others = self.waists
+        domes = (z for top in others for z in (top - self.dome_height, top))
+        return radii, (0.0, self.clamp_depth, first, *domes, self.height)
+
+    def shares(self, places: Floats) -> Floats:
+        """As `Primitive.shares`, by the outline's radius at the same height in the place of the outermost."""
+        shares, core, r = super().shares(places), 0.5 * self.waist_diameter, places[:, 0]
+        shares[:, 0] = np.minimum(r, core) / core + np.maximum(r - core, 0.0) / self._beyond_core(places[:, 1])
+        return shares
+
+    def places(self, shares: Floats) -> Floats:
+        places, core, r = super().places(shares), 0.5 * self.waist_diameter, shares[:, 0]
+        places[:, 0] = np.minimum(r, 1.0) * core + np.maximum(r - 1.0, 0.0) * self._beyond_core(places[:, 1])
+        return places
+
+    def _beyond_core(self, z: Floats) -> Floats:
+        """Thickness of the links around a core as wide as the waists, at heights [m]; at a waist, of the link above."""
+        near = ON_PLANE * self.height
+        tops = np.append(self.waists, np.inf)[np.searchsorted(self.waists, z + near)]
+        return np.maximum(self.dome_radius(tops - z) - 0.5 * self.waist_diameter, near)
 
     @property
     def waists(self) -> tuple[float, ...]:
@@ -179,15 +188,12 @@ class Neck(Filled):
         """The stated points of the dome, between its ends at the waist and the skirt, shape (n, 2)."""
         return np.array([(0.0, 0.0), *(() if isinstance(self.dome, str) else self.dome), (1.0, 1.0)])
 
-    def dome_radius(self, below_waist: float) -> float:
-        """Radius of a dome [m] at a distance below its waist [m]."""
-        depth = min(max(below_waist / self.dome_height, 0.0), 1.0)
-        if isinstance(self.dome, str):
-            share = DOMES[self.dome](depth)
-        else:
-            from scipy.interpolate import PchipInterpolator
+    def dome_radius(self, below_waist: Floats | float) -> Floats:
+        """Radius of a dome [m] at distances below its waist [m]."""
+        from scipy.interpolate import PchipInterpolator
 
-            share = float(PchipInterpolator(*self._dome_points.T)(depth))
+        dome = DOMES[self.dome] if isinstance(self.dome, str) else PchipInterpolator(*self._dome_points.T)
+        share = dome(np.clip(np.divide(below_waist, self.dome_height), 0.0, 1.0))
         return 0.5 * (self.waist_diameter + share * (self.outer_diameter - self.waist_diameter))
 
     def dome_places(self, start: float, end: float, top: float, n_points: int = POINTS_PER_DOME) -> list[Place]:
@@ -207,7 +213,7 @@ class Neck(Filled):
         # Equal steps of an ellipse's angle: dense towards the waist, where a dome may begin flat.
         first, last = (math.acos(min(max(1.0 - (top - z) / self.dome_height, 0.0), 1.0)) for z in (start, end))
         belows = [self.dome_height * (1.0 - math.cos(angle)) for angle in np.linspace(first, last, n_points)]
-        return [(self.dome_radius(below), top - below) for below in belows]
+        return [(float(self.dome_radius(below)), top - below) for below in belows]
 
     def profile(self, points_per_dome: int = POINTS_PER_DOME) -> Floats:
         """The outline as a polyline of (r, z) [m], from the base's centre to the top's centre, shape (n, 2)."""
@@ -251,10 +257,9 @@ class Neck(Filled):
             closed = [*curves, *(curve for curve in closing if curve.start != curve.end)]
             region: list[list[list[float]]] = []  # points of each curve: a line through two, a spline through more
             for curve in closed:
-                inner: Sequence[Place] = ()
-                if curve.dome_of is not None:
-                    inner = self.dome_places(curve.start[1], curve.end[1], curve.dome_of)[1:-1]
-                region.append([_in_millimetres(place) for place in (curve.start, *inner, curve.end)])
+                start, end, top = curve.start, curve.end, curve.dome_of
+                inner = () if top is None else self.dome_places(start[1], end[1], top)[1:-1]
+                region.append([_in_millimetres(place) for place in (start, *inner, end)])
             regions.append(region)
         job: dict[str, Any] = {
             "kind": "revolution" if self.sectors is None else "section",
@@ -326,7 +331,7 @@ def _cut(shape: Neck, curves: list[_Curve], height: float) -> tuple[list[_Curve]
     below, above = curves[:i], curves[i:]
     crossing = above[0]
     if crossing.start[1] < height - near:
-        r = crossing.start[0] if crossing.dome_of is None else shape.dome_radius(crossing.dome_of - height)
+        r = crossing.start[0] if crossing.dome_of is None else float(shape.dome_radius(crossing.dome_of - height))
         below.append(_Curve(crossing.start, (r, height), crossing.dome_of))
         above[0] = _Curve((r, height), crossing.end, crossing.dome_of)
     elif below[-1].start[1] == below[-1].end[1] and below[-1].end[0] > below[-1].start[0]:

@@ -1,7 +1,7 @@
 """The lengths of a body as parameters: how the nodes of its undeformed mesh move with them.
 
 The mesh keeps its tets, its regions and its numbers of nodes. Of a primitive the nodes keep their shares between the
-planes and cylinders that its lengths define, or along a wall and across it; a mesh of which nothing is known is scaled,
+planes and surfaces that its lengths define, or along a wall and across it; a mesh of which nothing is known is scaled,
 and its walls are offset.
 """
 

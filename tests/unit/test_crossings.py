@@ -86,6 +86,28 @@ def test_a_notch_that_closes_is_told_of_from_where_on(element: str) -> None:
     assert simulate(robot, pulled(6e-3), crossings=False).crossings == ""
 
 
+def test_a_crossing_that_contact_would_hardly_change_is_no_doubt() -> None:
+    robot, protocol = notched(), pulled(2.52e-3)
+    touching = replace(robot, contact=Contact())
+    alone, pressed = simulate(robot, protocol), simulate(touching, protocol)
+    free, work = (
+        np.trapezoid(one.channels["front.tension"], one.channels["front.shortening"]) for one in (alone, pressed)
+    )
+    assert 0.0 < work / free - 1.0 < 1e-3
+    told = r"finger intersects itself from 2.5\d mm of shortening of front on, by about 0.0\d+ mm, "
+    assert re.search(rf"{told}where contact would change the work of front by less than 0.1 %\.$", alone.status)
+    assert (alone.crossings, alone.doubts, alone.warnings) == ("", "", ())
+    # Where contact changes the work by more, and where bodies are deep inside each other, there is doubt.
+    for further in (2.6e-3, 3.5e-3):
+        alone, pressed = (simulate(one, pulled(further)) for one in (robot, touching))
+        free, work = (
+            np.trapezoid(one.channels["front.tension"], one.channels["front.shortening"]) for one in (alone, pressed)
+        )
+        assert work / free - 1.0 > 1e-3
+        assert alone.doubts == "bodies intersect"
+        assert "would change the work" not in alone.status
+
+
 def test_what_crosses_under_the_loads_does_so_from_the_start_on() -> None:
     weight = PointLoad("weight", "top", np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, -15.0]))
     told = simulate(replace(notched(), loads=(weight,)), pulled(2e-3)).crossings

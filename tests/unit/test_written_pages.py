@@ -91,9 +91,10 @@ def test_the_mesh_table_is_written_as_it_is_from_its_own_rows() -> None:
 
 @pytest.mark.slow
 def test_the_page_of_contact_has_a_mark_for_all_that_is_written() -> None:
-    found = contact.Found([["contact"] + ["1"] * 11], 0.0, 0.014, "13.9")
+    found = contact.Found([["contact"] + ["1"] * 11], 0.006, 0.0, 0.014, "13.9")
     told = page_values(contact.PAGE.read_text(encoding="utf-8"))
-    written = {**contact.values(dict.fromkeys(contact.ELEMENTS, found)), "tets": "", "E": "", "ratio": ""}
+    each = [f"{element}{shape}" for element in contact.ELEMENTS for shape in ("", ", former")]
+    written = {**contact.values(dict.fromkeys(each, found)), "tets": "", "E": "", "ratio": "", "former tets": ""}
     assert written.keys() == told.keys()
     assert written["P2P1 differs"] == told["P2P1 differs"] == "14.0 mm"
     assert written["P1"].splitlines()[0] == told["P1"].splitlines()[0]

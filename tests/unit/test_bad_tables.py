@@ -249,6 +249,14 @@ def test_a_unit_in_a_name_that_is_not_read_is_warned_of(case: str, tmp_path: Pat
     assert sum("does its name say another unit" in sentence for sentence in check_plausible(found)) == count
 
 
+@pytest.mark.parametrize(("word", "meant"), [("force", "tension"), ("displacement", "shortening")])
+def test_a_channel_by_another_word_has_a_remedy(word: str, meant: str, tmp_path: Path) -> None:
+    path = tmp_path / "bench.csv"
+    path.write_text(HEADER + ROWS)
+    with pytest.raises(DatasetError, match=f"no channel has the name '{word}'.* Try: '{meant}'"):
+        read_table(path, {word: ColumnSpec("Force")})
+
+
 def test_a_label_that_is_missing_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "states.csv"
     path.write_text("state,m4.x [mm]\na,1\n,2\n")

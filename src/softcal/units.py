@@ -259,14 +259,9 @@ def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
         except OverflowError:
             number, unit = math.inf, ""
     if not unit and si_unit != "1" and number != 0:
-        raise UnitError(
-            Fault(
-                "the unit is missing",
-                where=where,
-                got=_shown(value),
-                allowed=f"a number with a unit that converts to {si_unit}, such as '{number:.6g} {si_unit}'",
-            )
-        )
+        usual = "mm" if si_unit == "m" else si_unit
+        allowed = f"a number with a unit that converts to {si_unit}, such as '{number:.6g} {usual}'"
+        raise UnitError(Fault("the unit is missing", where, _shown(value), allowed))
     number *= unit_factor(unit, si_unit, where=where) if unit else 1.0
     if not math.isfinite(number):
         raise UnitError(Fault("the number is not finite", where=where, got=_shown(value)))

@@ -54,7 +54,10 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
     "a longer row": (HEADER + ROWS + "0.6,1,2\n", r"line 8: 1 row\(s\) have more fields .* got 3 fields"),
     "longer rows": (HEADER + "0.0,1,2\n" * 9, r"line 2: 9 row\(s\) have more fields"),
     "decimal commas between commas": (HEADER + "0,1,1,5\n", r"more fields than there are column names"),
-    "two columns of one name": (HEADER.replace("Time [s]", "Force [N],Time") + "1,2,3\n", "2 columns have the name"),
+    "two columns of one name": (
+        HEADER.replace("Time [s]", "Force [N],Time") + "1,2,3\n",
+        "2 columns have the name .* Try: rename one of them",
+    ),
     "a column that is missing": ("Time [s],Kraft [N]\n0,1\n", "no column 'Force'"),
     "time that runs backwards": (HEADER + ROWS + "0.3,1\n", r"time runs backwards 1 time\(s\).*'0.3' after '0.5'"),
     "time that runs backwards often": (
@@ -77,6 +80,13 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
         "Load cell [N] Time [s] Force [N]\n0 1 2\n1 2 5\n",
         r"line 2: 2 row\(s\) have fewer fields .* quotes around names with blanks",
     ),
+    "marks between thousands": (
+        (HEADER + ROWS).replace(",", ";").replace(".", ",") + "0,6;1.050,5\n",
+        r"got '1\.050,5'.* Try: numbers without a mark between thousands\.$",
+    ),
+    "text above the rows": (HEADER + "0.0,x\n" + ROWS, r"got 'x'; .* Try: units_row: 2, if it has the units\.$"),
+    "a unit of the table's own": (HEADER.replace("[s]", "[Sek.]") + ROWS, r"got 'Sek\.'; .* Try: unit: s, in the"),
+    "a unit after a word, and another in the project": (HEADER.replace("[N]", "in kN") + ROWS, "'N' in the project"),
     "a workbook": (b"PK\x03\x04" + bytes(300), "not text; got an archive.*save the sheet as CSV"),
     "an archive": (b"PK\x03\x04" + bytes(range(255, 0, -1)) * 20, "bench.csv"),
     "numbers in letters of another script": (HEADER + "０.１,１.５\n".replace("１", "一"), "line 2"),
@@ -111,6 +121,8 @@ READ: dict[str, bytes | str] = {
     "with empty rows between": HEADER + ROWS.replace("\n", "\n\n,\n"),
     "with an empty column at the end": (HEADER + ROWS).replace("\n", ",\n"),
     "with a row of units": "Time,Force\ns,N\n" + ROWS,
+    "with a row of units and a sign for none": "Time,Force,Cycle\ns,N,-\n" + ROWS.replace("\n", ",1\n"),
+    "with units after a word": "Time in s;Force in N\n" + ROWS.replace(",", ";"),
     "by tabs": (HEADER + ROWS).replace(",", "\t"),
     "by semicolons, with decimal commas": (HEADER + ROWS).replace(",", ";").replace(".", ","),
     "with plus signs and exponents": HEADER + "".join(f"+{i}e-1,+{15 * i}E-1\n" for i in range(6)),
@@ -218,11 +230,11 @@ def test_ten_million_rows_take_less_than_one_and_a_half_gigabytes(tmp_path: Path
 NAMED: dict[str, tuple[str, str, int]] = {
     "a factor in the brackets": ("Force [x1000 N]", "N", 1),
     "a power in the brackets": ("Force [10^3 N]", "N", 1),
-    "a unit after a word": ("Force in kN", "N", 1),
+    "a unit after a word": ("Force as kN", "N", 1),
     "a unit in other brackets": ("Force {kN}", "N", 1),
     "a unit before a remark": ("Force [kN] (filtered)", "N", 1),
     "a remark": ("Force (filtered)", "N", 0),
-    "the unit after a word": ("Force in kN", "kN", 0),
+    "the unit after a word": ("Force as kN", "kN", 0),
     "the unit before a remark": ("Force N (filtered)", "N", 0),
     "a name that is a unit": ("N", "N", 0),
 }
@@ -235,6 +247,14 @@ def test_a_unit_in_a_name_that_is_not_read_is_warned_of(case: str, tmp_path: Pat
     path.write_text(f"Time [s],{name}\n{ROWS}")
     found = read_table(path, {"time": ColumnSpec("Time"), "tension": ColumnSpec(name, unit=unit)})
     assert sum("does its name say another unit" in sentence for sentence in check_plausible(found)) == count
+
+
+@pytest.mark.parametrize(("word", "meant"), [("force", "tension"), ("displacement", "shortening")])
+def test_a_channel_by_another_word_has_a_remedy(word: str, meant: str, tmp_path: Path) -> None:
+    path = tmp_path / "bench.csv"
+    path.write_text(HEADER + ROWS)
+    with pytest.raises(DatasetError, match=f"no channel has the name '{word}'.* Try: '{meant}'"):
+        read_table(path, {word: ColumnSpec("Force")})
 
 
 def test_a_label_that_is_missing_is_refused(tmp_path: Path) -> None:

@@ -152,7 +152,10 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
 
 def test_check_says_which_via_points_are_in_bores(tmp_path: Path):
     rows = dict(check(load(bored_project(tmp_path / "p"))).rows)
-    assert re.match(r"(\d+) of (?!\1)\d+ via points lie in bores, up to 4\.\d+ mm across", rows["  bores"])
+    assert re.match(
+        r"(\d+) of (?!\1)\d+ via points lie in bores, [34]\.\d+ mm across \(median\), 4\.\d+ mm at most",
+        rows["  bores"],
+    )
     assert "  bores" not in dict(check(load(write_project(tmp_path / "q"))).rows)
 
 

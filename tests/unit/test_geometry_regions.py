@@ -78,7 +78,7 @@ def test_a_region_that_selects_nothing_says_where_the_mesh_is(cube):
         select_nodes(cube, Box((2, 2, 2), (3, 3, 3)), where="robot.plate.nodes")
     text = str(caught.value)
     assert text.startswith("robot.plate.nodes: the region selects no nodes")
-    assert "x 0 to 1 m" in text
+    assert "spans x 0 to 1000 mm, y" in text
     assert "Box(lower=(2, 2, 2)" in text
     with pytest.raises(MeshError, match="no faces"):
         select_faces(cube, Sphere((0.5, 0.5, 0.5), 0.1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.sensing.sensors.pose import ANGLES
 from softcal.units import sensor_factor, unit_factor
 
+_MEANT = {"force": "tension", "load": "tension", "displacement": "shortening", "travel": "shortening"}
 MASS = "mass"  # a mass that hangs from a cable: its weight is the tension
 
 
@@ -94,7 +95,7 @@ def read_layout(
         unknown(
             f"no channel has the name '{key}'",
             asked,
-            key,
+            _MEANT.get(key, key),
             allowed,
             got="",
             more="; with the part's name before it, such as cable1.tension or m4.x",
@@ -183,7 +184,7 @@ def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
     where = f"{table.path}, line {table.header_line}"
     if found:
         headers = ", ".join(f"'{table.headers[column]}' (column {column + 1})" for column in found)
-        faults.append(Fault(f"{len(found)} columns have the name '{name}'", where=where, got=headers))
+        faults.append(Fault(f"{len(found)} columns have the name '{name}'", where, headers, "", "rename one of them"))
         return None
     headers = [header for header in table.headers if header]
     alike = nearest(name, [*headers, *(split_header(header)[0] for header in headers)])
@@ -269,6 +270,6 @@ def unit_of_column(
                 )
                 return None
     except UnitError as error:
-        faults.extend(error.faults)
+        faults += error.faults if stated or is_unit(unit) else [replace(f, attempt=attempt) for f in error.faults]
         return None
     return unit, factor

@@ -29,7 +29,7 @@ _FLOOR = 0.1  # share of the effort's range that still counts as slack
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
     warnings: list[str] = []
-    # Units in names of columns that are none to the reader, such as [x1000 N] or "Force in kN".
+    # Units in names of columns that are none to the reader, such as [x1000 N] or "Force as kN".
     for step in dataset.provenance:
         for key, column in (step.settings.get("columns") or {}).items() if step.name == "read_table" else ():
             si_unit = column_unit(key) or "1"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from softcal.sensing.channel import TIME
 from softcal.sensing.sensors.pose import ANGLES
 
 _N_VALUES = 10  # values of a column listed in a fault
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:[.,' ]\d{3})+(?:[.,]\d*)?")
 _FOOTER = 5  # lines at the end of a file, which may be no rows of its table
 
 
@@ -213,14 +215,19 @@ def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
     decimal
         Decimal mark of the table.
     """
-    last = table.last_line - odd.lines[0] + 1  # lines from the first of them to the end
+    first, last = odd.lines[0], table.last_line - odd.lines[0] + 1  # the first of them; lines from it to the end
+    attempt = f"units_row: {first}, if it has the units" if first == table.first_line and odd.n == 1 else ""
+    if all(_THOUSANDS.fullmatch(cell) for cell in odd.cells):
+        attempt = "numbers without a mark between thousands"
+    elif last <= _FOOTER and sum(n >= first for numbers, _ in table.rows() for n in numbers) == odd.n:
+        attempt = f"skip_footer: {last}, to leave the end of the file out"
     shown = ", ".join(repr(cell if len(cell) <= 40 else cell[:39] + "…") if cell else "nothing" for cell in odd.cells)
     return Fault(
         f"{odd.n} value(s) are not numbers",
         where=f"{table.path}, column '{table.headers[place]}', {line_numbers(odd.lines, odd.n)}",
         got=shown + (", …" if odd.n > len(odd.cells) else ""),
         allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
-        attempt=f"skip_footer: {last}, to leave the end of the file out" if last <= _FOOTER else "",
+        attempt=attempt,
     )
 
 

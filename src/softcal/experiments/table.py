@@ -30,10 +30,10 @@ _CELL = re.compile(r'"[^"]*"|\S+')
 _UNIT_CELL = r"[\[(][^\])]{0,200}[\])]"
 _HEADER_CELL = re.compile(rf'"[^"]*"|[^\s\[(]+(?:\s*{_UNIT_CELL})?|{_UNIT_CELL}')
 _BRACKETED = re.compile(r"^(?P<base>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
-_AFTER_SLASH = re.compile(r"^(?P<base>.*?)\s*/\s*(?P<unit>\S+)$")
+_BEFORE_UNIT = re.compile(r"^(?P<base>.*?)(?:\s*/\s*|\s+in\s+)(?P<unit>\S+)$")
 _NUMBER = re.compile(r"^[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?$")
 _MARKED = re.compile(r"^[\[(](?P<unit>[^\[\]()]*)[\])]$")
-# Written after an underscore or a slash; a closed list, because a name may end in anything ("force_max", "run/2").
+# Written after "_", "/" or "in"; a closed list, because a name may end in anything ("force_max", "run/2").
 _SUFFIX_UNITS = frozenset(
     "m cm mm um µm in inch N kN mN kgf gf lbf Pa kPa MPa s sec ms us µs min rad mrad deg degree degrees °".split()
 )
@@ -179,12 +179,12 @@ def load_table(path: Path, wanted: Sequence[str], written: TableFormat) -> Table
 
 
 def split_header(header: str) -> tuple[str, str | None]:
-    """Name and unit of a header such as "Force [N]", "Force (kN)", "Kraft / N" or "force_N"; unit None without one."""
+    """Name and unit of a header such as "Force [N]", "Force (kN)", "Kraft / N", "Weg in mm" or "force_N", else None."""
     text = " ".join(header.split())
     match = _BRACKETED.match(text)
     if match and match["base"]:
         return match["base"], match["unit"].strip()
-    match = _AFTER_SLASH.match(text)
+    match = _BEFORE_UNIT.match(text)
     if match and match["base"] and match["unit"] in _SUFFIX_UNITS:
         return match["base"], match["unit"]
     base, _, suffix = text.rpartition("_")
@@ -325,7 +325,7 @@ def _find_header(
 def _take_units_row(
     below: list[tuple[int, list[str]]], header_line: int, units_row: int | None, path: Path
 ) -> tuple[list[str], int]:
-    """The cells of the units row, and the first line of the rows."""
+    """The cells of the units row, most of them known units, and the first line of the rows."""
     if units_row is not None:
         found = [cells for number, cells in below if number == units_row]
         if not found:
@@ -338,6 +338,6 @@ def _take_units_row(
     number, row = below[0]
     cells = [cell for cell in row if cell]
     text_only = bool(cells) and not any(_NUMBER.match(cell) for cell in cells)
-    if text_only and all(_MARKED.match(cell) or is_unit(cell) for cell in cells):
+    if text_only and 2 * sum(bool(_MARKED.match(cell)) or is_unit(cell) for cell in cells) > len(cells):
         return row, number + 1
     return [], header_line + 1

@@ -11,13 +11,19 @@ from softcal.checks import Floats, Ints, frozen_floats
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, boundary_owners
-from softcal.units import format_quantity
+from softcal.units import format_quantity, format_range
 
 # Allowed distance outside the mesh, as a fraction of the mean edge of the nearest tet: a point on a curved surface is
 # outside the straight-sided tets that approximate it.
 OUTSIDE = 0.25
 # Rounding tolerance of negative barycentric coordinates.
 INSIDE = 1e-9
+
+
+def extents(mesh: TetMesh) -> str:
+    """Text such as "x 0 to 60 mm, y …" for messages: between which coordinates a mesh is, to 0.1 um."""
+    low, high = ((np.round(ends, 7) + 0.0).tolist() for ends in (mesh.points.min(axis=0), mesh.points.max(axis=0)))
+    return ", ".join(f"{axis} {format_range(a, b, 'm')}" for axis, a, b in zip("xyz", low, high, strict=True))
 
 
 def locate_points(
@@ -46,8 +52,7 @@ def locate_points(
     points = frozen_floats(points, name=where or "points", shape=(None, 3))
     found = nearest_places(mesh, points, tolerance=tolerance)
     if found.is_off.any():
-        lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
-        spans = ", ".join(f"{axis} {a:.6g} to {b:.6g} m" for axis, a, b in zip("xyz", lower, upper, strict=True))
+        spans = extents(mesh)
         off = (values[found.is_off] for values in (points, found.distances, found.allowed))
         raise MeshError(
             [

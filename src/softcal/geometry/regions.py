@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from softcal.checks import Floats, Ints
 from softcal.declare import Declared
 from softcal.errors import Fault, MeshError, nearest
+from softcal.geometry.locate import extents
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, matching_faces, nearest_triangle
 from softcal.quantities import Clearance, Direction, Point, Size
@@ -274,14 +275,12 @@ def _slack(mesh: TetMesh) -> float:
 def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: str) -> Ints:
     if len(chosen):
         return chosen
-    lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    spans = ", ".join(f"{axis} {a:.6g} to {b:.6g} m" for axis, a, b in zip("xyz", lower, upper, strict=True))
     raise MeshError(
         Fault(
             f"the region selects no {kind}",
             where=where,
             got=str(region),
-            allowed=f"a region that meets the mesh, which spans {spans}",
+            allowed=f"a region that meets the mesh, which spans {extents(mesh)}",
             attempt="check the unit of the region and of the mesh" if not isinstance(region, Named) else "",
         )
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.bore import wall_around
-from softcal.geometry.locate import nearest_places
+from softcal.geometry.locate import extents, nearest_places
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_bodies import BuiltBodies
 from softcal.project.robot_schema import (
@@ -96,10 +96,6 @@ class Carriers:
         record, outside = (self.findings.add, off) if off else (self.findings.warn, near)
         furthest = format_quantity(float(found.distances[outside].max()), "m")
         place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[outside[0]]) + ") mm"
-        spans = ", ".join(
-            f"{axis} {1e3 * low:.6g} to {1e3 * high:.6g} mm"
-            for axis, low, high in zip("xyz", mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
-        )
         is_single = len(outside) == 1
         most = float(found.allowed[outside].min()) * (1.0 if off else NEARLY_OUTSIDE)
         record(
@@ -109,7 +105,7 @@ class Carriers:
             else f"{len(outside)} via points lie outside their body, by up to {furthest}",
             got=place if is_single else f"{place} and {len(outside) - 1} more",
             allowed=f"at most {format_quantity(most, 'm')} outside {body}, which spans "
-            f"{spans}, or in a bore whose wall is all around",
+            f"{extents(mesh)}, or in a bore whose wall is all around",
             attempt="the unit of mesh and points; where a channel is open to a side, points in its wall",
         )
 

@@ -88,8 +88,10 @@ def _support_rows(cable: Cable, attachments: Mapping[int, Attachment]) -> list[t
     rows: list[tuple[str, str]] = []
     wide = [attachment.bore for attachment in attachments.values() if attachment.bore > 0.0]
     if wide:
-        widest = format_quantity(max(wide), "m", digits=3)
-        of = f"{len(wide)} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
+        usual, widest = (format_quantity(width, "m", digits=3) for width in (float(np.median(wide)), max(wide)))
+        of = (
+            f"{len(wide)} of {len(cable.via_points)} via points lie in bores, {usual} across (median), {widest} at most"
+        )
         rows.append(("  bores", f"{of}: guided by the walls"))
     balls: dict[str, list[float]] = {}
     for i, attachment in attachments.items():

@@ -35,6 +35,7 @@ from benchmarks.written_page import written_page
 from softcal.calibration.results.digits import interval_text
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.statistics.estimate import Estimate
+from softcal.checks import Floats
 from softcal.cli.calibration_table import value_text
 from softcal.report.agreement import spread_sentences
 from softcal.units import format_quantity
@@ -200,7 +201,8 @@ def _figures(found: Fits) -> dict[str, str]:
     least = found.linear[TESTS[0].name].loss
     between = (found.repeats["P1"][..., 1] > 0.41) & (found.repeats["P1"][..., 1] < 0.495)
     of_four = found.repeats["P2P1"][..., 0]
-    freed = [value(one, E) for one in found.linear_freed.values()]
+    freed, freed_ratios = ([value(one, name) for one in found.linear_freed.values()] for name in (E, NU))
+    importances = [one.importance[NU] for one in found.trials.values()]
     return {
         "fine": f"{found.tets['truth']:,}",
         "force halved": f"{100 * found.halving[0]:.1f}",
@@ -228,8 +230,17 @@ def _figures(found: Fits) -> dict[str, str]:
         "control p": f"{found.control.spreads[E].chance:.2g}",
         "papers over": f"{min(over['P1']):.2f} to {max(over['P1']):.2f}",
         "linear freed": f"{1e-6 * min(freed):.2f} to {1e-6 * max(freed):.2f}",
+        "linear freed nu": f"{min(freed_ratios):.3f} to {max(freed_ratios):.3f}",
+        "importances": f"{min(importances):.3f} to {max(importances):.3f}",
+        "spreads": " to ".join(f"{x:.2f}" for x in np.quantile(_spreads(found), [0.05, 0.95])),
         "linear low": f"{100 * (1 - np.mean(freed) / TRUE[E]):.0f}",
     }
+
+
+def _spreads(found: Fits) -> Floats:
+    """Largest over smallest E of the four tests, by P1, in every draw."""
+    moduli = found.repeats["P1"][..., 0]
+    return moduli.max(axis=1) / moduli.min(axis=1)
 
 
 def _spread(values: list[float]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -15,8 +16,9 @@ from project_case import MODULUS, write_project
 from sofa_case import use_fake
 
 from softcal import calibrate, load, shape_grid, with_parameters
-from softcal.errors import ParameterError, ProjectFileError
+from softcal.errors import MeshError, ParameterError, ProjectFileError
 from softcal.executors.shared import call, packed
+from softcal.geometry.shape import DrawnShape
 from softcal.plugins.calculix.crosscheck import crosscheck
 from softcal.plugins.sofa.simulator import sofa_engine
 from softcal.report.check_figures import robot_scenes
@@ -197,6 +199,14 @@ def rod_project(folder: Path, **values: float) -> Path:
     rows = (",".join(f"{value:.8f}" for value in row) for row in zip(*columns, strict=True))
     table.write_text("\n".join(["thrust [N],extension [mm],pitch [deg]", *rows]) + "\n", encoding="utf-8")
     return path
+
+
+def test_it_is_refused_on_a_body_whose_lengths_vary(push_rod: ModuleType, tmp_path: Path) -> None:
+    robot = load(rod_project(tmp_path)).robot
+    (bar,) = robot.bodies
+    drawn = replace(robot, bodies=(replace(bar, shape=DrawnShape()),))
+    with pytest.raises(MeshError, match="other parts would have to move along; got actuator motor"):
+        with_parameters(drawn, {"bar.scale": 1.01})
 
 
 def free_rod_project(folder: Path, **values: float) -> Path:

@@ -42,17 +42,19 @@ def told(folder: Path, *changes: tuple[str, str], data: str | None = None) -> st
 
 def test_what_is_stated_is_a_parameter(tmp_path: Path) -> None:
     stated = "line: {spring_rate: 20 N/mm, rest_length: 99 mm, compliance: 0.05 mm/N, friction_memory: true}"
-    free = ("  front.slack:", "  front.stiffness: {bounds: [100 N, 100 kN], scale: log}\n  front.slack:")
+    free = ("  front.slack:", "  front.spring_rate: {bounds: [1 N/mm, 1 kN/mm], scale: log}\n  front.slack:")
     project = load(write_project(tmp_path, line(stated), free))
     known = robot_parameters(project.robot)
-    assert known["front.stiffness"].value == pytest.approx(2000.0)
+    assert known["front.spring_rate"].value == pytest.approx(2e4)
     assert known["front.compliance"].value == pytest.approx(5e-5)
-    assert known["front.pretension"].value == pytest.approx(1e-3 / (1.0 / 2e4 + 5e-5))
+    assert known["front.rest_length"].value == pytest.approx(0.099)
+    assert project.robot.cables[0].stiffness == pytest.approx(2000.0)
+    assert project.robot.cables[0].pretension == pytest.approx(1e-3 / (1.0 / 2e4 + 5e-5))
     assert known["front.presliding"].value == pytest.approx(1e-5)
-    changed = with_parameters(project.robot, {"front.stiffness": 500.0, "front.presliding": 1e-4})
+    changed = with_parameters(project.robot, {"front.spring_rate": 5e3, "front.presliding": 1e-4})
     assert changed.cables[0].properties == {
         **project.robot.cables[0].properties,
-        "stiffness": 500.0,
+        "spring_rate": 5e3,
         "presliding": 1e-4,
     }
     assert project.robot.remembers

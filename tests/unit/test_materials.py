@@ -92,6 +92,18 @@ def test_the_group_has_a_material_of_its_own(tmp_path: Path):
     assert parameter_label("bar.soft.youngs_modulus", known) == "E (bar.soft)"
 
 
+@pytest.mark.parametrize("name", ["poissons_ratio", "density"])
+@pytest.mark.parametrize("whose", ["bar", "bar*"])
+def test_a_constant_that_is_omitted_and_does_not_vary_with_the_body_is_warned_of(tmp_path: Path, name: str, whose: str):
+    uncertain = ("calibration: {", f'uncertain: {{"{whose}.{name}": {{sd: 0.01}}}}\ncalibration: {{')
+    if name == "density":
+        uncertain = uncertain[0], uncertain[1].replace("0.01", "10 kg/m^3")
+    found = [str(one) for one in load(two_materials(tmp_path / "p", uncertain)).warnings]
+    assert [f"bar.soft.{name} is omitted, and keeps its value where bar.{name} varies" in one for one in found] == (
+        [True] if whose == "bar" else []
+    )
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -4,18 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, constants, elastic, irregular_box, pulled, tensed
+from mechanics_cases import column_robot, constants, elastic, hanging_finger, irregular_box, pulled, tensed
 
 from softcal.errors import InputError, MeshError
 from softcal.export.engine import ENGINES
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
+from softcal.geometry.surface import boundary_faces
 from softcal.materials.catalogue import LAWS
 from softcal.twin.build import build_twin
 from softcal.twin.clamp import Clamp
 from softcal.twin.finer import halved
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Marker, Material, Robot, SurfaceLoad
 from softcal.twin.simulate import simulate
 
@@ -132,6 +133,34 @@ def test_the_strain_energy_is_that_of_a_mesh_moved_by_hand():
         (body,) = ENGINES[name].own(robot).bodies
         np.testing.assert_allclose(body.mesh.points, by_hand)
     assert DEPTH not in robot_parameters(robot.as_clamped)
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.002])
+def test_weight_tractions_and_chambers_are_those_of_a_mesh_moved_by_hand(depth, monkeypatch):
+    """Of a finger that hangs, blown up and pressed at its side, with a chamber that begins at the clamp."""
+    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
+    robot = hanging_finger("P2P1", is_open=True)
+    (body,), name = robot.bodies, "finger.clamp_depth"
+    side = boundary_faces(body.mesh)
+    side = side[(body.mesh.points[side[:, :3], 0] < 1e-9).all(axis=1)]
+    wind, tip = SurfaceLoad("wind", "finger", side, np.array([200.0, 0.0, 50.0])), Marker("tip", "finger", [0, 0, 0.06])
+    robot = replace(robot, loads=(wind,), markers=(tip,))
+    clamped = replace(robot, bodies=(replace(body, clamp=Clamp(UP, depth)),))
+    zone = clamped.bodies[0].zone
+    assert zone is not None
+
+    def by_hand(at: float) -> dict[str, np.ndarray]:
+        moved = body.mesh.points + at * np.outer(zone.shares(body.mesh), UP)
+        anew = replace(robot, bodies=(replace(body, mesh=replace(body.mesh, points=moved)),))
+        return dict(simulate(anew, protocol, curve_tolerance=0.0).channels)
+
+    protocol, h = Protocol({"main": Command("pressure", np.array([2e3]))}), 2e-5
+    found, want = simulate(clamped, protocol, sensitivities=(name,), curve_tolerance=0.0), by_hand(depth)
+    less, more = by_hand(depth - h), by_hand(depth + h)
+    for channel in ("main.volume", "tip.x", "tip.z"):
+        np.testing.assert_allclose(found.channels[channel], want[channel], rtol=1e-9, err_msg=channel)
+        slope = (more[channel] - less[channel]) / (2.0 * h)
+        np.testing.assert_allclose(found.sensitivities[channel][name], slope, rtol=1e-4, err_msg=channel)
 
 
 def test_a_finer_mesh_has_the_same_zone_and_depth():

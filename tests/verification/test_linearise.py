@@ -222,6 +222,29 @@ def test_rates_of_frequencies_and_poles_are_their_differences_at_other_values(ca
         np.testing.assert_allclose(found.pole_rates[slowest, k], poles[slowest], atol=3e-4 * largest)
 
 
+def test_rates_of_frequencies_by_where_via_points_are():
+    """These move the lines of action, so that K changes although no unknown does."""
+    front, left = CABLES
+    named = replace(
+        front, via_points=tuple(replace(via, name=n) for via, n in zip(front.via_points, "ab", strict=True))
+    )
+    robot = replace(neck(), cables=(named, replace(left, routing_axis=softcal.RoutingAxis())))
+    controls, commands = {"front": "shortening", "left": "tension"}, {"front": 0.003, "left": 1.0}
+    infos = robot_parameters(robot)
+    names = [name for name in infos if name.endswith("_offset") or ".routing_" in name]
+    assert len(names) == 9
+    found = softcal.linearise(robot, commands, controls=controls, modes=3, parameters=names)
+    for k, name in enumerate(names):
+        step = {"m": 1e-5, "rad": 1e-4, "rad/m": 1e-3}[infos[name].unit]
+        before, after = (
+            softcal.linearise(robot, commands, controls=controls, modes=3, theta={name: by}).frequencies
+            for by in (-step, step)
+        )
+        expected = (after - before) / (2.0 * step)
+        largest = np.abs(expected).max() + 1e-9 * found.frequencies.max() / step
+        np.testing.assert_allclose(found.frequency_rates[:, k], expected, atol=1e-4 * largest, err_msg=name)
+
+
 def test_a_live_twin_has_the_masses_of_its_values() -> None:
     robot, controls, commands = CASES["P2P1"]
     (density,) = (name for name in robot_parameters(robot) if name.endswith(".density"))

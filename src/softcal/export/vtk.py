@@ -144,7 +144,7 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
     import pyvista
 
     names = _parts(robot)
-    meshes = {body.name: ELEMENTS[body.element].mesh(body.mesh) for body in robot.bodies}
+    meshes = {body.name: body.clamped(ELEMENTS[body.element].mesh(body.mesh)) for body in robot.bodies}
     sizes = {name: mesh.n_points for name, mesh in meshes.items()}
     sizes |= {rod.name: len(rod.centreline.nodes) for rod in robot.rods}
     sizes |= {part.name: len(part.route) for part in robot.actuated if part.route}
@@ -156,8 +156,6 @@ def shape_grid(robot: Robot, shape: Snapshot) -> Any:
         tets = mesh.tets
         cells.add(names.index(body.name), x, mesh.points, tets, element.cell.vtk)
         places, n_q = element.places(mesh.points, tets), len(element.quadrature.points)
-        if (motion := body.motion(mesh)) is not None:
-            mesh, x = TetMesh(motion.moved(mesh.points), tets), motion.moved(x)
         for part in body.materials:
             own, pressure = TetMesh(mesh.points, tets[part.elements]), shape.pressures.get(part.name)
             directions = body.directions(places.reshape(-1, n_q, 3)[part.elements].reshape(-1, 3))

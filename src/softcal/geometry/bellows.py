@@ -95,7 +95,7 @@ class Bellows(Primitive):
         from scipy.spatial import KDTree
 
         shares = super().shares(places)
-        in_wall = shares[:, 1] < 1.0
+        in_wall = places[:, 1] < self.folds * self.pitch - 10.0**-ROUNDING
         fine, lengths = self._fold
         points = np.linspace(0.0, self.folds * self.pitch, self.folds * FINE + 1)
         _, nearest = KDTree(np.column_stack([self._middle(points)[0], points])).query(places[in_wall])

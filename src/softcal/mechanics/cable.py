@@ -26,7 +26,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.segments import MET, EndMotion, Segments, SegmentShape
 from softcal.mechanics.state import State
-from softcal.mechanics.tensions import KINDS, Course, Lines, Tensions, Viscous, tensions, turns
+from softcal.mechanics.tensions import BY_LENGTH, KINDS, Course, Lines, Tensions, Viscous, tensions, turns
 from softcal.mechanics.term import NOTHING, BlockColumns, ByTheta, Connectivity, Given, LowRank, Sum, Term, Theta
 
 if TYPE_CHECKING:
@@ -95,10 +95,14 @@ class CableTerm(ActuatorTerm):
         return ByTheta(self._lines)
 
     def _lines(self, theta: Theta) -> Lines:
-        mu, stiffness, compliance, pretension, presliding, preload = (
+        mu, stiffness, compliance, pretension, presliding, preload, rate, unstretched = (
             np.array([theta.get(name, otherwise) for name in names], dtype=np.float64)
-            for names, otherwise in zip(self._of_lines, KINDS.values(), strict=True)
+            for names, otherwise in zip(self._of_lines, (KINDS | BY_LENGTH).values(), strict=True)
         )
+        length = self.rest_length
+        stiffness = np.where(np.isnan(rate), stiffness, rate * length)
+        soft = np.where(np.isnan(unstretched), 1.0, length / stiffness + compliance)
+        pretension = np.where(np.isnan(unstretched), pretension, (length - unstretched) / soft)
         return Lines(
             names=self.names,
             mu=mu,
@@ -113,7 +117,7 @@ class CableTerm(ActuatorTerm):
     @cached_property
     def _of_lines(self) -> list[list[str]]:
         """Names of the lines' parameters, by kind and cable."""
-        return [[f"{name}.{kind}" for name in self.names] for kind in KINDS]
+        return [[f"{name}.{kind}" for name in self.names] for kind in KINDS | BY_LENGTH]
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -225,17 +229,11 @@ class CableTerm(ActuatorTerm):
         if into.keys().isdisjoint(self.parameters):
             return
         x, shape, along = given.state.x, self._at(given).shape, self.tensions(given)
-        for i, name in enumerate(self.names):
-            for kind in KINDS:
-                if (one := into.get(f"{name}.{kind}")) is not None:
-                    r, _, stretch = along.by_property(kind, i)
-                    rho = along.respond(r[:, None])[:, 0]
-                    direct = along.by_preload(i) if kind == "friction_preload" else 0.0
-                    self._add_rates(one, given, along, rho, i, stretch, direct)
-        for name, motion in self.end_motions.items():
-            if (one := into.get(name)) is not None:
-                r, _, travel = self._by_motion(x, shape, along, motion)
-                self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], motion.cable, travel)
+        for name in into.keys() & {*self.parameters}:
+            one, (i, r, _, travel) = into[name], self._by_parameter(name, x, shape, along)
+            direct = along.by_preload(i) if name.endswith(".friction_preload") else 0.0
+            self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, travel, direct)
+            if (motion := self.end_motions.get(name)) is not None:
                 tension = self._by_segment(along.segments)
                 one.full += self.segments.gradient_by(motion, x, shape, tension, len(one.full))
 
@@ -258,18 +256,28 @@ class CableTerm(ActuatorTerm):
         changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
 
-    def _by_motion(
-        self, x: Floats, shape: SegmentShape, along: Tensions, motion: EndMotion
-    ) -> tuple[Floats, Floats, float]:
-        """Derivatives at fixed rho by the parameter of a motion: of r and of the slips (n_segments,), and of the
-        shortening of its cable.
+    def _by_parameter(
+        self, name: str, x: Floats, shape: SegmentShape, along: Tensions
+    ) -> tuple[int, Floats, Floats, float]:
+        """The cable of a parameter, and derivatives at fixed rho by it: of r and of the slips (n_segments,), and of the
+        cable's shortening or stretch.
         """
-        order, of_rest = self.order, motion.rest[self.order]
-        longer = self.segments.lengths_by(motion, x, shape)[order] - of_rest
-        slip, stretch = along.by_softness(of_rest * along.lines.softness[motion.cable])
-        slip += along.beyond(longer)
-        r = along.by_angle * along.course.turns.rates(motion.vectors(x)[order]) + along.by_slip * slip
-        return r, slip, stretch - float(longer.sum())
+        motion, longer = self.end_motions.get(name), 0.0
+        i = self.names.index(name.rpartition(".")[0]) if motion is None else motion.cable
+        r, slip, travel = np.zeros(len(self.segments)), np.zeros(len(self.segments)), 0.0
+        if motion is not None:
+            of_rest = motion.rest[self.order]
+            more = self.segments.lengths_by(motion, x, shape)[self.order] - of_rest
+            slip, travel = along.by_softness(of_rest * along.lines.softness[i])
+            slip += along.beyond(more)
+            r = along.by_angle * along.course.turns.rates(motion.vectors(x)[self.order]) + along.by_slip * slip
+            travel, longer = travel - float(more.sum()), float(of_rest.sum())
+        by_length = [key for key in BY_LENGTH if f"{self.names[i]}.{key}" in self.stated]
+        rates = along.lines.rates(i, name.rpartition(".")[2], float(self.rest_length[i]), longer, by_length)
+        for kind, rate in rates.items():
+            by, of_slip, stretch = along.by_property(kind, i)
+            r, slip, travel = r + rate * by, slip + rate * of_slip, travel + rate * stretch
+        return i, r, slip, travel
 
     # Friction with a memory: the plastic slips at the inner via points, in the order of the tensions.
 
@@ -312,17 +320,10 @@ class CableTerm(ActuatorTerm):
         pulled = np.where(along.pull > 0.0, pull, 0.0)[along.cable] * along.softness * along.factor
         slip = along.beyond((along.course.slopes * v_rates).sum(axis=1) - pulled)
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
-        presliding = np.zeros(self.n_cables)
-        if parameter in self.end_motions:
-            shape, motion = self._at(given).shape, self.end_motions[parameter]
-            by, of_slip, _ = self._by_motion(x, shape, along, motion)
+        presliding = np.array([parameter == f"{name}.presliding" for name in self.names], dtype=np.float64)
+        if parameter in self.parameters:
+            _, by, of_slip, _ = self._by_parameter(parameter, x, self._at(given).shape, along)
             r, slip = r + by, slip + of_slip
-        for i, name in enumerate(self.names):
-            for kind in KINDS:
-                if parameter == f"{name}.{kind}":
-                    by, of_slip, _ = along.by_property(kind, i)
-                    r, slip = r + by, slip + of_slip
-                    presliding[i] = kind == "presliding"
         rho = along.respond(r[:, None])[:, 0]
         slip -= along.beyond(along.stretched * rho)
         return along.plastic_slip_rates(slip, before, presliding)[self._inner]

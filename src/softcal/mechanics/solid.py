@@ -27,7 +27,6 @@ from softcal.mechanics import solid_kernels
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
-from softcal.mechanics.mesh_motion import MeshMotion, cofactor, stress_rate
 from softcal.mechanics.passed import Passed
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
@@ -108,8 +107,6 @@ class SolidTerm(Term):
         Directions of a law in I4 and I6, as `Points` has them, at the quadrature points.
     history
         What the material does beyond its law.
-    motion
-        How a parameter moves the undeformed mesh, with dN and w on the moved one; None where none does.
     places
         Places of the blocks in the tangent.
     """
@@ -124,7 +121,6 @@ class SolidTerm(Term):
     N_p: Floats
     directions: Floats = field(default_factory=lambda: NO_DIRECTIONS)
     history: History = ELASTIC
-    motion: MeshMotion | None = None
     places: SolidPlaces = UNPLANNED
 
     @property
@@ -139,8 +135,7 @@ class SolidTerm(Term):
     @property
     def parameters(self) -> tuple[str, ...]:
         names = (*self.compiled.parameters, *(one.name for one in self.history.parameters))
-        own = tuple(f"{self.name}.{name}" for name in names)
-        return own if self.motion is None else (*own, self.motion.parameter)
+        return tuple(f"{self.name}.{name}" for name in names)
 
     def connectivity(self, layout: Layout) -> Connectivity:
         """The points and pressures of each tet."""
@@ -159,8 +154,7 @@ class SolidTerm(Term):
         n, n_q = self.w.shape
         F = np.empty((n, n_q, 3, 3))
         I1, I2, J = np.empty((n, n_q)), np.empty((n, n_q)), np.empty((n, n_q))
-        x = state.x if self.motion is None else self.motion.moved(state.x)
-        solid_kernels.kinematics(x, self.conn, self.dN, F, I1, I2, J)
+        solid_kernels.kinematics(state.x, self.conn, self.dN, F, I1, I2, J)
         return F, I1, I2, J
 
     def why_not(self, known: Kinematics) -> str:
@@ -187,7 +181,15 @@ class SolidTerm(Term):
         if self.compiled.is_simple and not self.history.parts:
             self._add_simple(gradient, data, given, volume)
         else:
-            stress = self._stress(given, volume, tangent=data is not None)
+            # Of the displacements' part of the potential, at fixed pressures.
+            passed, tangent = self._passed(given), data is not None
+            deformation = passed.law.deformation
+            if self.history.parts:
+                at = passed.respond(tangent=tangent).at
+                stress = Stress(at.S, at.D)
+                add_volumetric(stress, deformation.at, volume.slopes)
+            else:
+                stress = deformation.stress(passed.law.values, volume.slopes, tangent=tangent)
             solid_kernels.add_stress_gradient(gradient, self.conn, self.dN, self.w, F, stress.S)
             if data is not None:
                 is_linear = self.dN.shape[1:3] == (1, 4)
@@ -228,17 +230,6 @@ class SolidTerm(Term):
         F, I1, I2, J = known
         return Points(F.reshape(-1, 3, 3), I1.ravel(), I2.ravel(), J.ravel(), self.directions)
 
-    def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
-        """The stress of the displacements' part of the potential, at fixed pressures."""
-        passed = self._passed(given)
-        law = passed.law
-        if not self.history.parts:
-            return law.deformation.stress(law.values, volume.slopes, tangent=tangent)
-        at = passed.respond(tangent=tangent).at
-        stress = Stress(at.S, at.D)
-        add_volumetric(stress, law.deformation.at, volume.slopes)
-        return stress
-
     def _passed(self, given: Given) -> Passed[SolidLaw]:
         law = SolidLaw(Deformation(self.compiled, self._at(given.known)), self._theta(given.theta))
         constants = self.history.constants(part_theta(given.theta, self.name))
@@ -267,9 +258,6 @@ class SolidTerm(Term):
         dF = np.empty_like(given.known[0])
         rest = (np.empty_like(self.w) for _ in range(3))
         solid_kernels.kinematics(rate.x, self.conn, self.dN, dF, *rest)
-        if self.motion is not None and self.motion.parameter == parameter:
-            tets, G = self.motion.rate(self.conn, self.dN)
-            dF[tets] += G - given.known[0][tets] @ G
         passed, own = self._passed(given), parameter.removeprefix(f"{self.name}.")
         return passed.rates(passed.law.strain_rates(dF.reshape(-1, 3, 3)), memory_rate, own)[1]
 
@@ -295,8 +283,6 @@ class SolidTerm(Term):
         return solid_kernels.interpolate(state.pressure, self.pressure_conn, self.N_p)
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
-        if self.motion is not None and self.motion.parameter in into:
-            self._add_by_motion(into[self.motion.parameter].full, given, self.motion)
         wanted = {name: one.full for name, one in part_theta(into, self.name).items()}
         laws, others = self.compiled.parameters, [one.name for one in self.history.parameters]
         if wanted.keys().isdisjoint((*laws, *others)):
@@ -327,26 +313,6 @@ class SolidTerm(Term):
             change -= float(by_parameter[i]) / float(compliance) ** 2  # d kappa
         if change != 0.0:
             add_volumetric(Stress(stress, NO_TANGENT), at, volumetric(self.compiled, at.J, change))
-
-    def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:
-        tets, G = motion.rate(self.conn, self.dN)
-        volume = self._volume(given)
-        stress = self._stress(given, volume, tangent=True)
-        n_q = self.w.shape[1]
-        S, D = stress.S.reshape(-1, n_q, 6)[tets], stress.D.reshape(-1, n_q, 6, 6)[tets]
-        F = given.known[0][tets]
-        dF = G - F @ G
-        P, dP = stress_rate(F, dF, S, D)
-        of_size = np.trace(G, axis1=2, axis2=3)
-        flow = of_size[..., None, None] * P + dP - P @ np.swapaxes(G, 2, 3)
-        forces = np.einsum("eq,eqij,eqaj->eai", self.w[tets], flow, self.dN[tets])
-        np.add.at(gradient, 3 * self.conn[tets][..., None] + np.arange(3), forces)
-        if not self.is_mixed:
-            return
-        dg, error = (row.reshape(self.w.shape)[tets] for row in (volume.dg, volume.error))
-        dJ = np.einsum("eqij,eqij->eq", cofactor(F, F), dF)
-        rates = np.einsum("eq,eqb->eb", self.w[tets] * (of_size * error + dg * dJ), self.N_p[tets])
-        np.add.at(gradient, given.state.x.size + self.pressure_conn[tets], rates)
 
     def energy(self, given: Given) -> float:
         """The stored energy [J] (for a mixed element, the value of its two-field potential)."""
@@ -388,7 +354,6 @@ class SolidTerm(Term):
                 lmbda=lmbda,
                 mu=mu,
                 C_n=C_n,
-                motion=self.motion,
                 places=self.places.displacement,
             )
             return self, viscous

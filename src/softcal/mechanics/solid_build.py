@@ -7,7 +7,6 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.materials.law import Law, compile_law
 from softcal.mechanics.element import Element
-from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.solid import SolidTerm
 
 
@@ -20,7 +19,6 @@ def build_solid(
     *,
     first_point: int,
     first_pressure: int = 0,
-    motion: MeshMotion | None = None,
 ) -> tuple[SolidTerm, Ints]:
     """The term of some tets of a body, and the nodes that have its pressures, in the order of their numbers.
 
@@ -38,16 +36,12 @@ def build_solid(
         Its tets, by the body's nodes (n_tets, n_a).
     first_point, first_pressure
         Numbers of the body's first point, and of the first pressure.
-    motion
-        How a parameter moves the undeformed mesh.
 
     Raises
     ------
     MeshError
-        Where an element is inverted, or its motion inverts it.
+        Where an element is inverted.
     """
-    if motion is not None:
-        points = points + motion.value * motion.way
     dN, w = element.gradients(points, tets, where=name)
     order = np.argsort(tets, axis=1)
     conn = np.take_along_axis(tets, order, axis=1) + first_point
@@ -65,6 +59,5 @@ def build_solid(
         w=w,
         pressure_conn=np.take_along_axis(number, order, axis=1) + first_pressure,
         N_p=np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
-        motion=motion,
     )
     return term, nodes

@@ -63,6 +63,8 @@ KINDS = {
     "presliding": 0.0,
     "friction_preload": 0.0,
 }
+# Those that state the stiffness and the pretension by the length of the cable at rest.
+BY_LENGTH = {"spring_rate": np.nan, "rest_length": np.nan}
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,31 @@ class Lines:
     def are_ideal(self) -> bool:
         """Whether no line has friction or stretch, and no machine gives way."""
         return not (self.mu.any() or self.softness.any() or self.compliance.any())
+
+    def rates(self, i: int, key: str, length: float, longer: float, by_length: Sequence[str]) -> dict[str, float]:
+        """Rates of the properties of a line, by the names of `KINDS`: of that itself which varies, and of those that
+        follow from it and from the length of the cable.
+
+        Parameters
+        ----------
+        i
+            Number of the cable.
+        key
+            Last part of the parameter's name.
+        length, longer
+            Length of the cable at rest [m], and its rate by the parameter.
+        by_length
+            Those of `BY_LENGTH` that are stated of it.
+        """
+        rates = {key: 1.0} if key in KINDS else {}
+        softness, compliance, pretension = float(self.softness[i]), self.compliance[i], self.pretension[i]
+        if "spring_rate" in by_length:
+            rates["stiffness"] = length if key == "spring_rate" else longer / (softness * length)
+        if "rest_length" in by_length:  # T0 = (length - rest_length) / soft
+            soft, stiffer = length * softness + compliance, rates.get("stiffness", 0.0)
+            softer = (longer - length * softness * stiffer) * softness + rates.get("compliance", 0.0)
+            rates["pretension"] = float(longer - (key == "rest_length") - pretension * softer) / soft
+        return rates
 
 
 @dataclass(frozen=True)

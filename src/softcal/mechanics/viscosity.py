@@ -16,7 +16,6 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.kernel import kernel
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.solid_kernels import FAST, Places, kinematics
 from softcal.mechanics.state import State
@@ -35,8 +34,8 @@ class ViscousTerm(Term):
         r_s / h times the moduli of the undeformed body [Pa].
     C_n
         F^T F at the step's start (n_tets, n_q, 3, 3) [-].
-    motion, places
-        How a parameter moves the mesh, and places of the blocks in the tangent, as the body's.
+    places
+        Of the blocks in the tangent, as the body's.
     """
 
     conn: Ints
@@ -45,7 +44,6 @@ class ViscousTerm(Term):
     lmbda: float
     mu: float
     C_n: Floats
-    motion: MeshMotion | None
     places: Places
 
     def connectivity(self, layout: Layout) -> Connectivity:
@@ -57,8 +55,7 @@ class ViscousTerm(Term):
     def kinematics(self, state: State) -> Floats:
         """F (n_tets, n_q, 3, 3)."""
         F, I1, I2, J = np.empty_like(self.C_n), *(np.empty_like(self.w) for _ in range(3))
-        x = state.x if self.motion is None else self.motion.moved(state.x)
-        kinematics(x, self.conn, self.dN, F, I1, I2, J)
+        kinematics(state.x, self.conn, self.dN, F, I1, I2, J)
         return F
 
     def add(self, into: Sum, given: Given) -> None:

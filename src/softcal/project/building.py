@@ -118,6 +118,20 @@ def build_project(
     varied |= {one.name for one in uncertain}
     for axis in sections.sweep.over if sections.sweep else ():
         varied |= {axis, *tied.get(axis, ())}
+    # What a material omits has the value of its part in the file, and is a parameter of its own.
+    for part in robot.deformable:
+        kind, section = ("bodies", bodies.get(part.name)) if part in robot.bodies else ("rods", None)
+        section = section or sections.robot.rods.get(part.name)
+        for name, material in section.materials.items() if section else ():
+            keys = {one.name for one in part.constants} - {*material.constants}
+            keys |= {"density"} if material.density is None else set()
+            for key in sorted(keys):
+                if f"{part.name}.{key}" in varied and f"{part.name}.{name}.{key}" not in varied:
+                    findings.warn(
+                        ("robot", kind, part.name, "materials", name),
+                        f"{part.name}.{name}.{key} is omitted, and keeps its value where {part.name}.{key} varies",
+                        attempt=f"`of: {part.name}*.{key}` for one value of both, or {key} of {name}",
+                    )
     # Memory, preload and speed of friction have no effect with a coefficient that is zero and not free.
     rough: dict[str, tuple[tuple[str, ...], float]] = {
         f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)

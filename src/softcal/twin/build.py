@@ -16,7 +16,6 @@ from softcal.geometry.cell import face_keys
 from softcal.geometry.centreline import place_on_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.regions import Named, select_faces
-from softcal.geometry.shape import LENGTHS
 from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
 from softcal.mechanics.cable_routes import build_cables
@@ -137,12 +136,14 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     frames = number_frames(robot)
     builder = _Points()
     meshes: dict[str, TetMesh] = {}
+    unmoved: dict[str, TetMesh] = {}  # before the depth of a clamp moves them: points on a body have their places there
     solids: list[SolidTerm] = []
     pressure_nodes: dict[str, tuple[int, str, Ints]] = {}
     n_pressures = 0
     for body in robot.bodies:
         element = ELEMENTS[body.element]
-        mesh = meshes[body.name] = element.mesh(body.mesh)
+        unmoved[body.name] = element.mesh(body.mesh)
+        mesh = meshes[body.name] = body.clamped(unmoved[body.name])
         rider = _riders(body, mesh, robot, frames.of_plate)
         first = builder.add(mesh.points, rider)
         builder.first[body.name] = first
@@ -153,9 +154,8 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
             raise MeshError(
                 Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name)
             )
-        motion = body.motion(mesh, first)
-        if motion is not None and body.zone is not None:
-            carried = motion.way.any(axis=1) & (rider != FREE) & (rider != FIXED)
+        if body.zone is not None:
+            carried = (body.zone.shares(unmoved[body.name]) > 0.0) & (rider != FREE) & (rider != FIXED)
             if carried.any():
                 near = format_quantity(body.zone.length, "m")
                 raise MeshError(
@@ -179,7 +179,6 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
                 tets,
                 first_point=first,
                 first_pressure=n_pressures,
-                motion=motion,
             )
             directions = body.directions(element.places(mesh.points, tets))
             solids.append(replace(solid, directions=directions, history=body.past))
@@ -231,9 +230,9 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
             known = [*meshes, *rods, *frames.of_plate]
             raise MeshError(unknown("there is no such body, rod or plate", where, on, known))
         if may_stand_off:
-            held = attach_point(meshes[on], at, may_stand_off=True, where=where)
+            held = attach_point(unmoved[on], at, may_stand_off=True, where=where)
         else:
-            held = attach_ball(meshes[on], at, radius, where=where)
+            held = attach_ball(unmoved[on], at, radius, where=where)
         return [(builder.first[on] + int(n), float(w)) for n, w in zip(held.nodes, held.weights, strict=True)]
 
     def routed(parts: Sequence[ActuatedPart]) -> dict[str, list[Weights]]:
@@ -270,7 +269,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
                     rates_of[name].append([])
                 elif point.on in meshes:
                     where = f"{cable.name}, via point {i + 1}"
-                    nodes, rates = attach_rate(meshes[point.on], point.at, way, point.radius, where=where)
+                    nodes, rates = attach_rate(unmoved[point.on], point.at, way, point.radius, where=where)
                     first = builder.first[point.on]
                     rates_of[name].append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
                 else:
@@ -280,7 +279,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     def offsets(marker: Marker) -> tuple[Weights, ...]:
         """Derivatives of a marker's place by its offsets, on a body or rod."""
         if marker.on in meshes:
-            return directions_in(meshes[marker.on], marker, builder.first[marker.on])
+            return directions_in(unmoved[marker.on], marker, builder.first[marker.on])
         if marker.on not in rods:
             return ()
         size = float(rods[marker.on].centreline.lengths.mean())
@@ -320,13 +319,17 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         n_pressures=n_pressures,
         n_actuators=len(robot.cables) + sum(len(term.actuators) for term in others),
         n_fixed_frames=frames.n_fixed,
-        ties=join_ties(robot, meshes, builder.first),
+        ties=join_ties(robot, unmoved, builder.first),
     )
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
     moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
     drawn = drawn or robot
-    before = meshes if drawn is robot else {body.name: ELEMENTS[body.element].mesh(body.mesh) for body in drawn.bodies}
+    before = (
+        meshes
+        if drawn is robot
+        else {body.name: body.clamped(ELEMENTS[body.element].mesh(body.mesh)) for body in drawn.bodies}
+    )
     contacts = build_contacts(robot, layout, meshes, builder.first, before)
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
     speeds = [cable.line.friction_speed for cable in robot.cables]
@@ -509,15 +512,16 @@ def neighbours_of(robot: Robot, theta: Mapping[str, float], build: Build) -> dic
     build
         Robot -> its twin, or a part of it.
     """
-    own = {name: info.value for name, info in robot_parameters(robot).items() if info.shapes}
+    infos = robot_parameters(robot)
+    own = {name: info.value for name, info in infos.items() if info.shapes}
     stated = {name: theta[name] for name, value in own.items() if theta.get(name, value) != value}
     shape = {name: info.value for name, info in robot_parameters(with_shape(robot, stated)).items() if info.shapes}
     neighbours: dict[str, Neighbours] = {}
     for body in robot.bodies:
         extent = float(np.ptp(body.mesh.points, axis=0).max())
-        for key in body.shape.values if body.shape else ():
+        for key in (*(body.shape.values if body.shape else ()), *(("clamp_depth",) if body.clamp else ())):
             name = f"{body.name}.{key}"
-            step = STEP * (extent if LENGTHS[key].unit == "m" else 1.0)
+            step = STEP * (extent if infos[name].unit == "m" else 1.0)
             neighbours[name] = Neighbours(partial(_beside, robot, {**stated, name: shape[name]}, name, build), step)
     return neighbours
 

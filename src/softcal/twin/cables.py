@@ -43,6 +43,9 @@ PRESLIDING = 1e-5  # [m] of a cable's via points, where it is not stated
 # How a routing axis moves the via points of a cable: its fields, and the last parts of the parameters' names.
 ROUTING = ("routing_offset", "routing_angle", "routing_twist")
 COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
+NOT_SLACK = 1e-4  # of a cable's length: so much longer it may be unstretched, as beside a pretension of zero
+# Fields of a line that are parameters where they are stated.
+PROPERTIES = ("stiffness", "spring_rate", "compliance", "pretension", "rest_length", "friction_preload")
 
 
 @displayed
@@ -288,7 +291,7 @@ class Cable(ActuatedPart):
                     attempt="one of the two",
                 )
             )
-        if self.line.rest_length is not None and self.line.rest_length > self.length:
+        if self.line.rest_length is not None and self.line.rest_length > (1.0 + NOT_SLACK) * self.length:
             raise InputError(
                 Fault(
                     "the unstretched cable is longer than its path, so that it hangs slack at zero shortening",
@@ -349,29 +352,29 @@ class Cable(ActuatedPart):
 
     @property
     def properties(self) -> dict[str, float]:
-        """The stated properties of the line, by the names of the cable's parameters: stiffness [N], compliance [m/N],
-        pretension [N], and of friction the presliding displacement [m] with a memory, and the preload [N].
+        """The stated properties of the line [SI], by the names of the cable's parameters, and of friction with a memory
+        the presliding displacement.
         """
-        line = self.line
-        stiffness = line.stiffness if line.spring_rate is None else line.spring_rate * self.length
-        pretension = line.pretension
-        if line.rest_length is not None:
-            soft = (0.0 if stiffness is None else self.length / stiffness) + (line.compliance or 0.0)
-            pretension = (self.length - line.rest_length) / soft
-        presliding = (line.presliding or PRESLIDING) if line.friction_memory else None
-        named = dict(
-            stiffness=stiffness,
-            compliance=line.compliance,
-            pretension=pretension,
-            presliding=presliding,
-            friction_preload=line.friction_preload,
-        )
+        presliding = (self.line.presliding or PRESLIDING) if self.line.friction_memory else None
+        named = {name: getattr(self.line, name) for name in PROPERTIES} | {"presliding": presliding}
         return {name: value for name, value in named.items() if value is not None}
 
     def with_properties(self, values: Mapping[str, float]) -> Cable:
         """The same cable with other values of its stated properties."""
-        known = {**self.properties, **values}
-        return replace(self, line=replace(self.line, **known, spring_rate=None, rest_length=None)) if known else self
+        return replace(self, line=replace(self.line, **values)) if values else self
+
+    @property
+    def stiffness(self) -> float | None:
+        """EA [N], as stated or by the spring rate; None: no stretch."""
+        return self.line.stiffness if self.line.spring_rate is None else self.line.spring_rate * self.length
+
+    @property
+    def pretension(self) -> float | None:
+        """Tension [N] at zero shortening of the robot at rest, as stated or by the rest length; None: just taut."""
+        if self.line.rest_length is None:
+            return self.line.pretension
+        soft = (0.0 if self.stiffness is None else self.length / self.stiffness) + (self.line.compliance or 0.0)
+        return (self.length - self.line.rest_length) / soft
 
     @property
     def least_offset(self) -> float:

@@ -1,9 +1,10 @@
 """The clamp of a body: by how much it reaches further into the body than the fixed nodes do.
 
 The cross-section behind the fixed face is constant for some length, and within that zone the undeformed mesh is moved:
-the face by the depth, what lies further in by less, the end of the zone not at all (`mechanics/mesh_motion.py`). A bar
-then has exactly the stiffness of one that is shorter by the depth. Through the change of a cross-section nothing can be
-moved without another shape, which the depth does not stand for.
+the face by the depth, what lies further in by less, the end of the zone not at all. So a bar has exactly the stiffness
+of one that is shorter by the depth. All else that depends on the mesh, such as weight, tractions and chambers, is that
+of the moved one; a point on the body keeps its place in it. Through the change of a cross-section nothing can be moved
+without another shape, which the depth does not stand for.
 """
 
 from __future__ import annotations
@@ -54,11 +55,13 @@ class Zone:
     direction : Unit vector (3,)
     face : Height of the fixed face along it [m]
     length : That of the zone behind the face [m]
+    before : That of the fixed part before the face [m]
     """
 
     direction: Floats
     face: float
     length: float
+    before: float = 0.0
 
     @property
     def depths(self) -> Quantity:
@@ -66,9 +69,10 @@ class Zone:
         return replace(QUANTITIES["length"], lower=-0.5 * self.length, upper=0.5 * self.length, ends="[]")
 
     def shares(self, mesh: TetMesh) -> Floats:
-        """Shares of the face's motion that nodes (n_points,) follow: one in it and before it, zero beyond the zone."""
+        """Shares of the face's motion that nodes (n_points,) follow: one in it, less before, zero beyond the zone."""
         height = mesh.points @ self.direction - self.face
-        share = np.clip(1.0 - height / self.length, 0.0, 1.0)
+        length = np.where(height < 0.0, -max(self.before, self.length), self.length)
+        share = np.clip(1.0 - height / length, 0.0, 1.0)
         for k, (a, b) in enumerate(mesh.cell.edges):  # so that a straight edge stays straight
             share[mesh.tets[:, 4 + k]] = 0.5 * (share[mesh.tets[:, a]] + share[mesh.tets[:, b]])
         return share
@@ -141,6 +145,6 @@ def clamp_zone(mesh: TetMesh, fixed: Ints, clamp: Clamp, *, where: str = "") -> 
                 allowed="a plane face, with free nodes alone beyond it",
             )
         )
-    zone = Zone(direction, face, length)
+    zone = Zone(direction, face, length, face - float(height[before].min()))
     zone.depths.checked(clamp.depth, where=f"{where}.depth" if where else "depth")
     return zone

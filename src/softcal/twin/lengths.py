@@ -66,6 +66,9 @@ def _with_body(robot: Robot, old: Body, new: Body) -> Robot:
     parts = [f"tie {tie.name}" for tie in robot.ties if old.name in (tie.body, tie.on)]
     parts += [f"body {name} on {plate.name}" for plate in moving for name in plate.nodes if name != old.name]
     parts += [f"rod {rod.name} on {plate.name}" for plate in moving for rod in robot.rods if plate.name in rod.clamped]
+    # Where the route of an actuator but a cable is stated, only its class knows.
+    moved = {old.name, *(plate.name for plate in moving)}
+    parts += [f"actuator {part.name}" for part in robot.actuators if any(via.on in moved for via in part.route)]
     if parts:
         raise MeshError(
             Fault(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, wraps
+from functools import cached_property, partial, wraps
 from typing import Annotated, Any, Concatenate, NoReturn, ParamSpec, TypeVar, runtime_checkable
 from typing import Protocol as Shape
 
@@ -21,6 +21,7 @@ from softcal.mechanics.cable import cables_of
 from softcal.mechanics.compliance import compliances
 from softcal.mechanics.inertia import Inertia
 from softcal.mechanics.march import Reached, Target, by_command
+from softcal.mechanics.neighbours import STEP, Neighbours
 from softcal.mechanics.node import by_parameters
 from softcal.mechanics.small_motions import galerkin, pole_rates, poles_of, rates_along, small_motions
 from softcal.mechanics.stability import is_stable
@@ -28,7 +29,7 @@ from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.warm_steps import WarmSteps
 from softcal.sensing.channel import ChannelName, channel_name, kinds
-from softcal.twin.build import Twin, twin_of
+from softcal.twin.build import Twin, build_twin, twin_of
 from softcal.twin.channels import STIFFNESS, stiffness_units
 from softcal.twin.clearance import Clearances
 from softcal.twin.crossings import crossed_at
@@ -663,10 +664,17 @@ class _Place(_InOneProcess):
             own = inertia_of(one, values)
             return galerkin(one.system, values, own, settings.rayleigh, there, now, motions.wider)
 
+        def another(name: str, offset: float) -> Twin:
+            return build_twin(with_shape(twin.robot, {name: known[name].value + offset}))
+
         for k, name in enumerate(parameters):
             rates[k] = rates_along(lambda there: matrices(twin, there, theta), statics, self.state, ways[:, k])
-            if name in system.neighbours:
-                rates[k] += system.neighbours[name].rate(lambda one, there: matrices(one, there, theta), self.state)
+            beside = system.neighbours.get(name)
+            if beside is None and known[name].shapes:  # such as the place of a via point
+                extent = float(np.ptp(system.layout.X, axis=0).max()) if known[name].unit == "m" else 1.0
+                beside = Neighbours(partial(another, name), STEP * extent)
+            if beside is not None:
+                rates[k] += beside.rate(lambda one, there: matrices(one, there, theta), self.state)
                 continue
             step = PARAMETER_STEP * (abs(theta[name]) or 1.0)
             before, after = (

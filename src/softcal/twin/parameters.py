@@ -83,6 +83,8 @@ KINDS: dict[str, Quantity] = {
     "stiffness": QUANTITIES["stiffness of a cable"],
     "compliance": QUANTITIES["compliance"],
     "pretension": QUANTITIES["tension"],
+    "spring_rate": QUANTITIES["spring rate"],
+    "rest_length": QUANTITIES["size"],
     "presliding": QUANTITIES["presliding displacement"],
     "friction_preload": QUANTITIES["tension"],
 }

@@ -33,7 +33,6 @@ from softcal.materials.law import Law, with_least_shift
 from softcal.materials.neo_hooke import NEO_HOOKE
 from softcal.materials.parameter import Parameter
 from softcal.mechanics.elements import DEFAULT, ElementName
-from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.path_limits import PathLimits
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
 from softcal.sensing.channel import kinds
@@ -158,24 +157,18 @@ class Body(NamedPart):
         """The zone in which the depth of its clamp moves the mesh; None without a clamp."""
         return clamp_zone(self.mesh, self.fixed, self.clamp, where=f"{self.name}.clamp") if self.clamp else None
 
-    def motion(self, mesh: TetMesh, first: int = 0) -> MeshMotion | None:
-        """How the depth of its clamp moves the mesh of its element, whose first point has a number in the system; None
-        without a clamp.
-        """
-        if self.clamp is None or self.zone is None:
-            return None
-        way = np.outer(self.zone.shares(mesh), self.zone.direction)
-        return MeshMotion(f"{self.name}.clamp_depth", self.clamp.depth, way, first)
+    def clamped(self, mesh: TetMesh) -> TetMesh:
+        """Its mesh, or that of its element, as the depth of its clamp moves it; the mesh itself where none does."""
+        if self.clamp is None or self.zone is None or self.clamp.depth == 0.0:
+            return mesh
+        return replace(
+            mesh, points=mesh.points + self.clamp.depth * np.outer(self.zone.shares(mesh), self.zone.direction)
+        )
 
     @property
     def as_clamped(self) -> Body:
         """The same body whose mesh ends where the clamp does: for programs that know no depth of it."""
-        motion = self.motion(self.mesh)
-        if motion is None or motion.value == 0.0:
-            return self if self.clamp is None else replace(self, clamp=None)
-        old = self.mesh
-        mesh = TetMesh(motion.moved(old.points), old.tets, old.node_sets, old.face_sets, old.element_sets)
-        return replace(self, mesh=mesh, clamp=None)
+        return self if self.clamp is None else replace(self, mesh=self.clamped(self.mesh), clamp=None)
 
 
 @displayed
@@ -501,7 +494,7 @@ class Robot(Checked):
     @property
     def pretensioned(self) -> tuple[ActuatedPart, ...]:
         """Actuators that stay at zero without a command: by their pretension, or that of the cables that they drive."""
-        tense = {cable.name for cable in self.cables if "pretension" in cable.properties}
+        tense = {cable.name for cable in self.cables if cable.pretension is not None}
         tense |= {part.name for part in self.actuators if part.actuator.has_pretension}
         tense |= {self.led[cable] for cable in tense if cable in self.led}
         return tuple(part for part in self.commandable if part.name in tense)

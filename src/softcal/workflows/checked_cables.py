@@ -43,12 +43,12 @@ def cable_rows(robot: Robot) -> list[tuple[str, str]]:
                 far = format_quantity(length.embedded, "m", digits=3)
                 rows.append(("  embedded", f"{far} in the material of {body}, which has no bore there and guides it"))
         stated = cable.properties
-        units = {
-            "stiffness": ("EA", "N"),
-            "compliance": ("compliance of the machine", "m/N"),
-            "pretension": ("pretension", "N"),
-        }
-        line = [f"{word} {format_quantity(stated[key], unit)}" for key, (word, unit) in units.items() if key in stated]
+        of_line = (
+            ("EA", cable.stiffness, "N"),
+            ("compliance of the machine", cable.line.compliance, "m/N"),
+            ("pretension", cable.pretension, "N"),
+        )
+        line = [f"{word} {format_quantity(value, unit)}" for word, value, unit in of_line if value is not None]
         if line:
             rows.append(("  line", ", ".join(line)))
         beside = ""

@@ -89,7 +89,7 @@ def start_states(
     rows: list[tuple[str, str]] = []
     warnings: list[str] = []
     shapes: dict[str, Snapshot] = {}
-    tense = {cable.name for cable in project.robot.cables if cable.properties.get("pretension")}
+    tense = {cable.name for cable in project.robot.cables if cable.pretension}
     for part in project.robot.actuators:
         tense |= {*part.actuator.driven} if part.values.get("pretension") else set[str]()
     pretensioned = [cable.name for cable in project.robot.cables if cable.name in tense]

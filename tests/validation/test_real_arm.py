@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,27 @@ def test_the_readme_states_what_the_fit_finds(result):
     assert rms == pytest.approx(1e3 * result.experiments["fit"].distance.rms, abs=0.05)
     (predicted,) = row("450 mbar, predicted")[-1:]
     assert predicted == pytest.approx(1e3 * result.held_out["predict"].fit.distance.rms, abs=0.1)
+
+
+@pytest.mark.slow
+def test_the_readme_states_the_fit_with_one_modulus_for_arm_and_sleeve(tmp_path: Path):
+    """The sleeve omits E, so that it has the file's value, of which `check` warns."""
+    project = tmp_path / "arm"
+    shutil.copytree(EXAMPLE, project)
+    path = project / "project.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert any("arm.sleeve.E" in str(warning) for warning in load(path).warnings)
+    line = "  arm.E: {bounds: [350 kPa, 1 MPa], scale: log}\n"
+    assert text.count(line) == 1
+    tied = line.replace("arm.E: {", "silicone.E: {of: [arm.E, arm.sleeve.E], ")
+    path.write_text(text.replace(line, tied), encoding="utf-8")
+    assert load(path).warnings == ()
+    estimate = calibrate(load(path)).headline.parameters["silicone.E"]
+    stated = re.search(r"E is ([\d.]+) kPa\s+\(95 %: ([\d.]+) to ([\d.]+) kPa\)", README)
+    assert stated is not None
+    assert [float(text) for text in stated.groups()] == pytest.approx(
+        [value / 1e3 for value in (estimate.value, *estimate.interval)], abs=1.0
+    )
 
 
 @pytest.mark.slow

@@ -164,6 +164,10 @@ def test_a_footer_is_skipped_and_lines_are_those_of_the_file(tmp_path: Path) -> 
     np.testing.assert_allclose(read(tmp_path, text, skip_footer=1).values("tension"), EXPECTED)
     with pytest.raises(DatasetError, match=r"line 9: .*; got 'end of test'.* Try: skip_footer: 1, to leave the end"):
         read(tmp_path, text)
+    with pytest.raises(DatasetError) as caught:
+        read(tmp_path, HEADER + ROWS + "Stop,n/a\n")
+    assert len(caught.value.faults) == 1, "one line, one fault"
+    assert "columns 'Time [s]', 'Force [N]', line 8: 2 value(s) are not numbers; got 'Stop', 'n/a'" in str(caught.value)
     further = "".join(f"{k},{k}\n" for k in range(8, 20))
     with pytest.raises(DatasetError, match=r"got 'odd'; allowed: numbers with a decimal point\.$"):
         read(tmp_path, HEADER + ROWS + "7.5,odd\n" + further)

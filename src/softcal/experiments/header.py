@@ -17,7 +17,6 @@ from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.sensing.sensors.pose import ANGLES
 from softcal.units import sensor_factor, unit_factor
 
-_MEANT = {"force": "tension", "load": "tension", "displacement": "shortening", "travel": "shortening"}
 MASS = "mass"  # a mass that hangs from a cable: its weight is the tension
 
 
@@ -95,7 +94,7 @@ def read_layout(
         unknown(
             f"no channel has the name '{key}'",
             asked,
-            _MEANT.get(key, key),
+            key,
             allowed,
             got="",
             more="; with the part's name before it, such as cable1.tension or m4.x",

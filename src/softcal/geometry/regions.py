@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from softcal.geometry.locate import extents
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, matching_faces, nearest_triangle
 from softcal.quantities import Clearance, Direction, Point, Size
+from softcal.units import AS_WRITTEN, format_quantity
 
 Mask = NDArray[np.bool_]
 Side = Literal["on", "above", "below"]
@@ -272,6 +273,21 @@ def _slack(mesh: TetMesh) -> float:
     return ROUNDING * float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
 
 
+def _as_stated(region: Region) -> str:
+    """A region as a project file states it: "plane: {point: [61 mm, 0 mm, 0 mm], normal: [1, 0, 0]}"."""
+    if isinstance(region, Named):
+        return f"'{region.name}'"
+    stated: list[str] = []
+    for one in fields(region):
+        value, unit = getattr(region, one.name), "1" if one.name == "normal" else "m"
+        if isinstance(value, tuple):
+            value = f"[{', '.join(format_quantity(x, unit, digits=AS_WRITTEN) for x in value)}]"
+        elif not isinstance(value, str):
+            value = format_quantity(value, unit, digits=AS_WRITTEN)
+        stated += [f"{one.name}: {value}"] if getattr(region, one.name) != one.default else []
+    return f"{type(region).__name__.lower()}: {{{', '.join(stated)}}}"
+
+
 def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: str) -> Ints:
     if len(chosen):
         return chosen
@@ -279,7 +295,7 @@ def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: st
         Fault(
             f"the region selects no {kind}",
             where=where,
-            got=str(region),
+            got=_as_stated(region),
             allowed=f"a region that meets the mesh, which spans {extents(mesh)}",
             attempt="check the unit of the region and of the mesh" if not isinstance(region, Named) else "",
         )

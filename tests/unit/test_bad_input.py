@@ -591,10 +591,9 @@ def test_files_and_columns_are_looked_for_beside_sections_with_slips(
         write_project(tmp_path, *slips),
         "project.yaml:6: robot.bodies.bar.mesh: there is no such mesh file; got 'bra.msh'",
         "project.yaml:18: robot.cables.front.vai: unknown key",
-        "no column 'Displacemnt'",
+        "no columns 'Displacemnt', 'State'",
         "Try: 'Displacement'",
         "column 'Force [N]': the unit does not fit; got 's'",
-        "no column 'State'",
         "calibration.startz: unknown key",
     )
 

@@ -87,7 +87,7 @@ def read_table(
         faults += [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
     faults += not_numbers(table, places, held)
     values: dict[str, Floats] = {}
-    for key, place in places.items():
+    for key in places:
         if key not in held.odd and key in layout.factors:
             values[key] = held.numbers[key]
             values[key] *= layout.factors[key] * columns[key].factor

@@ -289,6 +289,7 @@ def main() -> None:
     parser.add_argument("--truth", action="store_true", help=f"first solve the finer twin and write {CURVE.name}")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of table-one.md")
     arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
     if arguments.truth:
         write_curve(solved(FINE))
     found = fitted(read_curve())

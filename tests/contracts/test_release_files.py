@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -135,3 +136,16 @@ def test_the_recipe_needs_what_the_project_needs() -> None:
     assert SpecifierSet(recipe.pop("python")) == SpecifierSet(PROJECT["requires-python"])
     needed = [one for one in map(Requirement, PROJECT["dependencies"]) if one.marker is None]
     assert {one: SpecifierSet(spec) for one, spec in recipe.items()} == {one.name: one.specifier for one in needed}
+
+
+def test_the_root_has_only_the_files_that_belong_there() -> None:
+    """A scratch file in the root would be in the sdist."""
+    tracked = subprocess.run(
+        ["git", "ls-files", "--", ":(glob)*"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if tracked.returncode:
+        pytest.skip("not a clone: git lists no files here")
+    pages = "CHANGELOG.md CODE_OF_CONDUCT.md CONTRIBUTING.md README.md SECURITY.md VISION.md"
+    others = "CITATION.cff Containerfile LICENSE Makefile NOTICE constraints.txt pyproject.toml"
+    hidden = ".git_archival.txt .gitattributes .gitignore .pre-commit-config.yaml"
+    assert sorted(tracked.stdout.split()) == sorted(f"{pages} {others} {hidden}".split())

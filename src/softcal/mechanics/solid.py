@@ -190,7 +190,9 @@ class SolidTerm(Term):
             stress = self._stress(given, volume, tangent=data is not None)
             solid_kernels.add_stress_gradient(gradient, self.conn, self.dN, self.w, F, stress.S)
             if data is not None:
-                solid_kernels.add_stress_tangent(data, places.displacement, self.dN, self.w, F, *stress)
+                is_linear = self.dN.shape[1:3] == (1, 4)
+                add = solid_kernels.add_stress_tangent_linear if is_linear else solid_kernels.add_stress_tangent
+                add(data, places.displacement, self.dN, self.w, F, *stress)
         if data is not None and self.is_mixed:
             solid_kernels.add_coupling(
                 data,

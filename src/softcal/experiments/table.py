@@ -69,11 +69,12 @@ class Table:
             found = [column for column, names in candidates if names[level] == wanted]
             if found:
                 return found
-        for fold in (str.casefold, _without_separators):
-            found = [column for column, names in candidates if fold(wanted) in map(fold, names)]
+        for pattern in (" ", r"[\s._:-]+"):
+            folded = [(c, [re.sub(pattern, ".", name.casefold()) for name in names]) for c, names in candidates]
+            found = [column for column, names in folded if re.sub(pattern, ".", wanted.casefold()) in names]
             if found:
-                return found
-        return []
+                break
+        return found
 
     def rows(self) -> Iterator[tuple[list[int], list[list[str]]]]:
         """The rows in blocks: line numbers and cells, one per header; empty rows are skipped.
@@ -181,10 +182,6 @@ def load_table(path: Path, wanted: Sequence[str], written: TableFormat) -> Table
         first_line=first,
         last_line=last,
     )
-
-
-def _without_separators(name: str) -> str:
-    return re.sub(r"[\s._:-]+", ".", name.casefold())
 
 
 def split_header(header: str) -> tuple[str, str | None]:

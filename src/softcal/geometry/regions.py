@@ -273,29 +273,23 @@ def _slack(mesh: TetMesh) -> float:
     return ROUNDING * float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
 
 
-def _as_stated(region: Region) -> str:
-    """A region as a project file states it: "plane: {point: [61 mm, 0 mm, 0 mm], normal: [1, 0, 0]}"."""
-    if isinstance(region, Named):
-        return f"'{region.name}'"
-    stated: list[str] = []
-    for one in fields(region):
-        value, unit = getattr(region, one.name), "1" if one.name == "normal" else "m"
-        if isinstance(value, tuple):
-            value = f"[{', '.join(format_quantity(x, unit, digits=AS_WRITTEN) for x in value)}]"
-        elif not isinstance(value, str):
-            value = format_quantity(value, unit, digits=AS_WRITTEN)
-        stated += [f"{one.name}: {value}"] if getattr(region, one.name) != one.default else []
-    return f"{type(region).__name__.lower()}: {{{', '.join(stated)}}}"
-
-
 def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: str) -> Ints:
     if len(chosen):
         return chosen
+    stated: list[str] = []  # as in a project file: point: [61 mm, 0 mm, 0 mm]
+    for one in fields(region):
+        value, unit = getattr(region, one.name), "1" if one.name == "normal" else "m"
+        if isinstance(value, tuple):
+            stated.append(f"{one.name}: [{', '.join(format_quantity(x, unit, digits=AS_WRITTEN) for x in value)}]")
+        elif value != one.default:
+            stated.append(f"{one.name}: {value if isinstance(value, str) else format_quantity(value, unit)}")
     raise MeshError(
         Fault(
             f"the region selects no {kind}",
             where=where,
-            got=_as_stated(region),
+            got=f"group: {region.name}"
+            if isinstance(region, Named)
+            else f"{type(region).__name__.lower()}: {{{', '.join(stated)}}}",
             allowed=f"a region that meets the mesh, which spans {extents(mesh)}",
             attempt="check the unit of the region and of the mesh" if not isinstance(region, Named) else "",
         )

@@ -92,12 +92,34 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return "".join(f"'{one}'" for one in _alike(name, known, 1, 0.5))
 
 
+# Other words of the field -> those of project files and channels.
+_MEANT = {
+    **dict.fromkeys(("e", "modulus", "young", "elastic_modulus", "stiffness"), "youngs_modulus"),
+    **dict.fromkeys(("tendons", "wires", "strings"), "cables"),
+    **dict.fromkeys(("chambers", "pressure_chambers", "motors", "drives"), "actuators"),
+    **dict.fromkeys(("force", "load"), "tension"),
+    **dict.fromkeys(("displacement", "travel", "stroke"), "shortening"),
+    **dict.fromkeys(("nu", "poisson", "poisson_ratio"), "poissons_ratio"),
+    **dict.fromkeys(("clamp", "clamped", "boundary", "bc"), "fixed"),
+    **dict.fromkeys(("tests", "measurements", "data"), "experiments"),
+    **dict.fromkeys(("sigma", "sd", "std"), "noise"),
+    **{"rho": "density", "material": "law", "model": "law", "weight": "mass", "friction": "friction_coefficient"},
+    **{"geometry": "mesh", "file": "mesh", "optimiser": "method", "optimizer": "method", "constraints": "ties"},
+}
+
+
+def _meant(name: str) -> str:
+    return ".".join(_MEANT.get(word, word) for word in name.casefold().split("."))
+
+
 def _alike(name: str, known: Iterable[str], n: int, cutoff: float = 0.0) -> list[str]:
     """The n known names most similar to `name`, the most similar first; before them names of which it is a part, or
-    which are a part of it: "a.pressure" where it is "a".
+    which are a part of it: "a.pressure" where it is "a". Of another word for a known name, that name.
     """
     folded, name = {candidate.casefold(): candidate for candidate in known}, name.casefold()
-    related = [one for one in folded if f".{name}." in f".{one}." or f".{one}." in f".{name}."]
+    if (meant := _meant(name)) in folded:
+        return [folded[meant]]
+    related = [one for one in folded if any(f".{of}." in f".{one}." or f".{one}." in f".{of}." for of in (name, meant))]
     first = difflib.get_close_matches(name, related, n, 0.0)
     return [folded[one] for one in dict.fromkeys([*first, *difflib.get_close_matches(name, folded, n, cutoff)])][:n]
 
@@ -135,7 +157,9 @@ def unknown(
         What is said where there is no name at all.
     """
     names = list(dict.fromkeys(known))
-    if len(names) <= FEW:
+    if (meant := _meant(name)) in names:
+        attempt = f"'{meant}'"
+    elif len(names) <= FEW:
         attempt = nearest(name, [*among] or names)
     else:
         likely = _alike(name, among, NEAREST)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -69,6 +70,10 @@ UNITS: dict[str, tuple[Change, tuple[str, ...]]] = {
 }
 
 KEYS: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "a key by another word of the field": (
+        ("youngs_modulus: 2 MPa", "E: 2 MPa"),
+        ("robot.bodies.bar.E: unknown key", "Try: 'youngs_modulus'."),
+    ),
     "an unknown key": (
         ("poissons_ratio", "poisson_ratio"),
         ("project.yaml:9:", "unknown key", "Try: 'poissons_ratio'"),
@@ -586,12 +591,27 @@ def test_files_and_columns_are_looked_for_beside_sections_with_slips(
         write_project(tmp_path, *slips),
         "project.yaml:6: robot.bodies.bar.mesh: there is no such mesh file; got 'bra.msh'",
         "project.yaml:18: robot.cables.front.vai: unknown key",
-        "no column 'Displacemnt'",
+        "no columns 'Displacemnt', 'State'",
         "Try: 'Displacement'",
         "column 'Force [N]': the unit does not fit; got 's'",
-        "no column 'State'",
         "calibration.startz: unknown key",
     )
+
+
+@pytest.mark.parametrize(
+    ("slip", "meant"),
+    [
+        (("  cables:", "  tendons:"), "robot.tendons: unknown key; got 'tendons'; .* Try: 'cables'"),
+        (("  cables:", "  pressure_chambers: {}\n  cables:"), "'pressure_chambers'; .* Try: 'actuators'"),
+        (("poissons_ratio:", "nu:"), "bodies.bar.nu: unknown key; .* Try: 'poissons_ratio'"),
+        (("poissons_ratio:", "rho: 1 g/cm^3\n      poissons_ratio:"), "bodies.bar.rho: unknown key; .* Try: 'density'"),
+        (("bar.youngs_modulus: {b", "bar.E: {b"), "bar.E: there is no such parameter; .* Try: 'bar.youngs_modulus'"),
+    ],
+)
+def test_another_word_of_the_field_proposes_the_key(
+    slip: Change, meant: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert re.search(meant, refused(capsys, write_project(tmp_path, slip)))
 
 
 @pytest.mark.parametrize(("unit", "slack"), [("cm", ""), ("um", "    slack: 2 mm\n")])

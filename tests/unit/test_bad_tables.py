@@ -164,6 +164,10 @@ def test_a_footer_is_skipped_and_lines_are_those_of_the_file(tmp_path: Path) -> 
     np.testing.assert_allclose(read(tmp_path, text, skip_footer=1).values("tension"), EXPECTED)
     with pytest.raises(DatasetError, match=r"line 9: .*; got 'end of test'.* Try: skip_footer: 1, to leave the end"):
         read(tmp_path, text)
+    with pytest.raises(DatasetError) as caught:
+        read(tmp_path, HEADER + ROWS + "Stop,n/a\n")
+    assert len(caught.value.faults) == 1, "one line, one fault"
+    assert "columns 'Time [s]', 'Force [N]', line 8: 2 value(s) are not numbers; got 'Stop', 'n/a'" in str(caught.value)
     further = "".join(f"{k},{k}\n" for k in range(8, 20))
     with pytest.raises(DatasetError, match=r"got 'odd'; allowed: numbers with a decimal point\.$"):
         read(tmp_path, HEADER + ROWS + "7.5,odd\n" + further)
@@ -255,6 +259,43 @@ def test_a_channel_by_another_word_has_a_remedy(word: str, meant: str, tmp_path:
     path.write_text(HEADER + ROWS)
     with pytest.raises(DatasetError, match=f"no channel has the name '{word}'.* Try: '{meant}'"):
         read_table(path, {word: ColumnSpec("Force")})
+
+
+@pytest.mark.parametrize("header", ["TL X (mm)", "TL_x [mm]", "tl:X [mm]", "TL.x_mm", "TL x"])
+def test_a_marker_is_read_by_the_separators_of_other_programs(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "markers.csv"
+    path.write_text(f"{header};TR X (mm)\n1,5;2,5\n-;3,5\nn/a;4,5\n")
+    unit = None if "mm" in header else "mm"
+    found = read_table(path, {"tip.x": ColumnSpec("TL.x", unit=unit), "tip.y": ColumnSpec("TR.x")}).values("tip.x")
+    np.testing.assert_allclose(found, [1.5e-3, np.nan, np.nan])
+
+
+def test_missing_columns_of_a_table_are_one_fault(tmp_path: Path) -> None:
+    columns = {"time": ColumnSpec("Tme"), "tension": ColumnSpec("Forse"), "a.x": ColumnSpec("xyz")}
+    path = tmp_path / "bench.csv"
+    path.write_text(HEADER + ROWS)
+    with pytest.raises(DatasetError, match=r"no columns 'Tme', 'Forse', 'xyz'; .*Try: 'Time', 'Force'\.$") as caught:
+        read_table(path, columns)
+    assert len(caught.value.faults) == 1
+
+
+def test_a_mass_and_a_pressure_by_the_end_of_their_names(tmp_path: Path) -> None:
+    path = tmp_path / "states.csv"
+    path.write_text("Gewicht_g,Druck_mbar\n50,200\n100,400\n")
+    found = read_table(path, {"c.mass": ColumnSpec("Gewicht"), "a.pressure": ColumnSpec("Druck")})
+    np.testing.assert_allclose([found.values("c.mass"), found.values("a.pressure")], [[0.05, 0.1], [2e4, 4e4]])
+
+
+@pytest.mark.parametrize(("unit", "scale", "warned"), [("m", 1, True), ("mm", 1, False), ("m", 0.001, False)])
+def test_a_coordinate_in_another_unit_than_the_others_is_suspected(
+    unit: str, scale: float, warned: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "markers.csv"
+    path.write_text(f"x [mm],y [{unit}],z [mm]\n1,17,3\n2,92,4\n")
+    columns = {f"tip.{one}": ColumnSpec(one, scale=scale if one == "y" else 1) for one in "xyz"}
+    said = "\n".join(check_plausible(read_table(path, columns)))
+    assert ("tip.x in mm, tip.y in m, tip.z in mm: is a header wrong?" in said) == warned
+    assert ("tip.y reaches 92 m, above 10 m: mm read as m?" in said) == warned
 
 
 def test_a_label_that_is_missing_is_refused(tmp_path: Path) -> None:

@@ -129,9 +129,7 @@ def test_the_mesh_counts_by_the_square_of_its_shift() -> None:
 def test_what_is_said_of_the_mesh() -> None:
     made = fitted("a", "b", "c", estimates={E_NAME: E})
     without, study = FirstScreen({"joint": made}, "joint"), study_of(E.value + 2.0 * 2.07e4)
-    assert budget_note(without) == (
-        "The mesh's share is not included; softcal mesh-study estimates it, up to its limit --unknowns."
-    )
+    assert budget_note(without) == ("The mesh's share is not included; softcal mesh-study estimates it.")
     assert "the intervals do not include it" in budget_note(replace(without, study=study))
     text = sentences(made, study=study)[1]
     assert text == "80 % of the squared error of E comes from the mesh."  # whether a finer one reduces it is not known

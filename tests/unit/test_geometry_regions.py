@@ -79,7 +79,11 @@ def test_a_region_that_selects_nothing_says_where_the_mesh_is(cube):
     text = str(caught.value)
     assert text.startswith("robot.plate.nodes: the region selects no nodes")
     assert "spans x 0 to 1000 mm, y" in text
-    assert "Box(lower=(2, 2, 2)" in text
+    assert "got box: {lower: [2000 mm, 2000 mm, 2000 mm], upper: [3000 mm, 3000 mm, 3000 mm]}" in text
+    plane = Plane((1.061, 0.0, 2.5), (1.0, 0.0, 0.0), side="above")
+    stated = r"plane: {point: \[1061 mm, 0 mm, 2500 mm\], normal: \[1, 0, 0\], side: above}"
+    with pytest.raises(MeshError, match=stated):
+        select_nodes(cube, plane)
     with pytest.raises(MeshError, match="no faces"):
         select_faces(cube, Sphere((0.5, 0.5, 0.5), 0.1))
     with pytest.raises(MeshError, match="no elements"):

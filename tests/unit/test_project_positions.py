@@ -205,7 +205,7 @@ def test_a_held_tie_holds_all_its_parts_and_a_held_part_leaves_the_others_tied(t
     ("change", "where", "what"),
     [
         (("marker2: B", "marker9: B"), "experiments.cable1.files[1].markers.marker9", "Try: 'marker2'"),
-        (("marker2: B", "marker2: C"), "experiments.cable1.files[1]", "no column 'C.x'"),
+        (("marker2: B", "marker2: C"), "experiments.cable1.files[1]", "no columns 'C.x', 'C.y', 'C.z'"),
         (("{weight.mass: 100 g}", "{wieght.force: 1 N}"), "experiments.hanging.settings.wieght.force", "weight.force"),
         (("{weight.mass: 100 g}", "{weight.mass: 1 N}"), "experiments.hanging.settings.weight.mass", "unit"),
         (("{weight.mass: 100 g}", "{spring1.youngs_modulus: 1 GPa}"), "hanging.settings", "set and free at once"),
@@ -266,6 +266,16 @@ def test_a_marker_that_was_never_seen_is_left_out_with_a_warning(tmp_path: Path)
     project = load(path)
     assert project.experiments["hanging"].points == ("marker1",)
     assert any("marker2 was not measured in any row" in str(warning) for warning in project.warnings)
+
+
+def test_check_says_in_how_many_states_a_marker_was_not_seen(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    rows = list(csv.reader((tmp_path / "markers.csv").read_text().splitlines()))
+    seen = next(row for row in rows if row[0].startswith("cable5"))
+    seen[8:14] = [""] * 6
+    with (tmp_path / "markers.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    assert "marker2 in 1 of" in dict(check(path, solve=False).rows)["  not measured"]
 
 
 @pytest.mark.long

@@ -110,3 +110,6 @@ def test_shapes_and_markers_are_drawn_for_each_experiment_and_both_sides():
         (axes.transData.transform([[1.0, 1.0]]) - axes.transData.transform([[0.0, 0.0]]))[0] for axes in (side, end)
     ]
     np.testing.assert_allclose(scales, scales[0][0])  # one millimetre is one millimetre, everywhere
+    side.set_yticks([-10.0], ["−300"])  # ticks as wide as those of a manipulator that hangs
+    figure.draw_without_rendering()
+    assert side.yaxis.label.get_window_extent().x0 > 0.0

@@ -59,7 +59,10 @@ def test_an_unlikely_size_is_warned_of_in_a_channel_of_a_named_part() -> None:
     values = np.linspace(0.0, 8e3, 5)
     values[1] = np.nan
     dataset = Dataset("pull", {"front.tension": Channel(values, "N"), "m1.x": Channel(values, "m")})
-    assert check_plausible(dataset) == ("pull: front.tension reaches 8e+03 N, above 5000 N: N read as kN?",)
+    assert check_plausible(dataset) == (
+        "pull: front.tension reaches 8e+03 N, above 5000 N: N read as kN?",
+        "pull: m1.x reaches 8e+03 m, above 10 m: mm read as m?",
+    )
 
 
 def test_an_angle_has_an_error_of_its_own_beside_the_distance_of_its_plate() -> None:
@@ -73,9 +76,9 @@ def test_names_of_channels_and_parameters_are_taken_apart_in_one_file_each(repos
     home = repository / "src" / "softcal"
     found = {str(path.relative_to(home)) for path in home.rglob("*.py") if cut.search(path.read_text(encoding="utf-8"))}
     names = {"sensing/channel.py", "twin/parameter_name.py"}
-    # Keys of faults in a file, titles of stored columns, and what runs without softcal.
+    # Words of names that do not exist, keys of faults in a file, titles of stored columns, what runs without softcal.
     others = {
-        "calibration/results/result_reading.py", "declare.py", "plugins/sofa/sofa_files/robot/pulling.py",
+        "calibration/results/result_reading.py", "declare.py", "errors.py", "plugins/sofa/sofa_files/robot/pulling.py",
         "plugins/fleet/table.py", "project/bench_plan.py", "project/law_schema.py", "project/robot_bodies.py",
     }  # fmt: skip
     assert found == names | others

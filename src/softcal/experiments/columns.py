@@ -17,6 +17,7 @@ from softcal.experiments.table import Table, uses_decimal_comma
 
 N_NAMED = 5  # lines and cells named in a fault
 _N_VALUES = 10  # values of a filter's column listed in a fault
+_GAPS = ("", "nan", "-", "--", "n/a", "na")  # cells of a value that is missing, in small letters
 _SNIFFED = 2000  # rows used to detect the decimal sign
 _EITHER = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 MOST_VALUES = 100_000_000  # numbers kept of one file: 0.8 GB
@@ -128,7 +129,7 @@ def read_columns(
             # With a decimal comma a point is a thousands separator or a typing error: the number is ambiguous.
             plain = cells if decimal == "." else ["" if "." in cell else cell.replace(",", ".") for cell in cells]
             parts[name].append(_floats(plain))
-            gaps = ("", "nan") if may_miss(name) else ()
+            gaps = _GAPS if may_miss(name) else ()
             strange = [i for i in np.flatnonzero(~np.isfinite(parts[name][-1])) if cells[i].casefold() not in gaps]
             odd[name].n += len(strange)
             for i in strange[: N_NAMED - len(odd[name].lines)]:

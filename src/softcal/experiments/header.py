@@ -17,7 +17,6 @@ from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.sensing.sensors.pose import ANGLES
 from softcal.units import sensor_factor, unit_factor
 
-_MEANT = {"force": "tension", "load": "tension", "displacement": "shortening", "travel": "shortening"}
 MASS = "mass"  # a mass that hangs from a cable: its weight is the tension
 
 
@@ -95,7 +94,7 @@ def read_layout(
         unknown(
             f"no channel has the name '{key}'",
             asked,
-            _MEANT.get(key, key),
+            key,
             allowed,
             got="",
             more="; with the part's name before it, such as cable1.tension or m4.x",
@@ -119,16 +118,17 @@ def read_layout(
         written,
     )
     layout = ColumnLayout(table, {k: spec for k, spec in columns.items() if k not in optional or table.find(spec.name)})
+    names = [*(spec.name for spec in layout.columns.values()), *(where or {}), *([label] if label else [])]
+    if missing := [name for name in dict.fromkeys(names) if not table.find(name)]:
+        layout.faults.append(_no_columns(table, missing))
     for key, spec in layout.columns.items():
-        place = find_column(table, spec.name, layout.faults)
-        if place is not None:
+        if spec.name not in missing and (place := find_column(table, spec.name, layout.faults)) is not None:
             layout.places[key] = place
     for name, wanted in (where or {}).items():
-        place = find_column(table, name, layout.faults)
-        if place is not None:
+        if name not in missing and (place := find_column(table, name, layout.faults)) is not None:
             values = wanted if isinstance(wanted, list | tuple) else [wanted]
             layout.filters.append(Filter(place, tuple(str(value) for value in values)))
-    layout.label = None if label is None else find_column(table, label, layout.faults)
+    layout.label = None if label is None or label in missing else find_column(table, label, layout.faults)
     for key, place in layout.places.items():
         si_unit = column_unit(key) or "1"
         spec = layout.columns[key]
@@ -186,17 +186,19 @@ def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
         headers = ", ".join(f"'{table.headers[column]}' (column {column + 1})" for column in found)
         faults.append(Fault(f"{len(found)} columns have the name '{name}'", where, headers, "", "rename one of them"))
         return None
-    headers = [header for header in table.headers if header]
-    alike = nearest(name, [*headers, *(split_header(header)[0] for header in headers)])
-    faults.append(
-        Fault(
-            f"no column '{name}'",
-            where=where,
-            got="columns " + ", ".join(f"'{header}'" for header in headers),
-            attempt=alike,
-        )
-    )
+    faults.append(_no_columns(table, [name]))
     return None
+
+
+def _no_columns(table: Table, names: list[str]) -> Fault:
+    headers = [header for header in table.headers if header]
+    alike = (nearest(name, [*headers, *(split_header(header)[0] for header in headers)]) for name in names)
+    return Fault(
+        f"no column{'s' * (len(names) > 1)} " + ", ".join(f"'{name}'" for name in names),
+        where=f"{table.path}, line {table.header_line}",
+        got="columns " + ", ".join(f"'{header}'" for header in headers),
+        attempt=", ".join(filter(None, dict.fromkeys(alike))),
+    )
 
 
 def unit_of_column(
@@ -265,7 +267,7 @@ def unit_of_column(
                         "the project and the file name different units",
                         where=where,
                         got=f"'{stated}' in the project, '{in_file}' in the file",
-                        attempt="leave the unit out of the project to use the file's",
+                        attempt="leave the unit out of the project to use the file's, or correct the header",
                     )
                 )
                 return None

@@ -45,6 +45,14 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
             if not agree or any(unit in (in_brackets or "") for unit in units):
                 another = "does its name say another unit? Then state that one"
                 warnings.append(f"the column '{column['header']}' is read in {column['unit']}: {another}")
+        units = dict[str, dict[str, str]]()
+        for key, column in (step.settings.get("columns") or {}).items() if step.name == "read_table" else ():
+            if (name := channel_name(key)).kind.axis is not None and column["scale"] == 1:
+                units.setdefault(name.carrier, {})[key] = column["unit"]
+        for of in units.values():
+            if len(set(of.values())) > 1:
+                read = ", ".join(f"{key} in {unit}" for key, unit in of.items())
+                warnings.append(f"coordinates of one point are read in different units, {read}: is a header wrong?")
     warnings += _stiffness(dataset)
     for key, measured in dataset.channels.items():
         kind = channel_name(key).kind

@@ -12,7 +12,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, InputError, unknown
-from softcal.experiments.columns import N_NAMED, Odd, cells_of, read_columns
+from softcal.experiments.columns import N_NAMED, Columns, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import column_unit, raise_faults, read_layout
 from softcal.experiments.orientation import QUATERNION, plate_angles
@@ -85,11 +85,10 @@ def read_table(
         shown = ", ".join(f"'{value}'" for value in seen[:_N_VALUES]) + (", …" if len(seen) > _N_VALUES else "")
         column = f"{table.path}, column '{table.headers[layout.filters[i].column]}'"
         faults += [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
+    faults += not_numbers(table, places, held)
     values: dict[str, Floats] = {}
-    for key, place in places.items():
-        if key in held.odd:
-            faults.append(not_numbers(table, place, held.odd[key], held.decimal))
-        elif key in layout.factors:
+    for key in places:
+        if key not in held.odd and key in layout.factors:
             values[key] = held.numbers[key]
             values[key] *= layout.factors[key] * columns[key].factor
     if layout.label is not None:
@@ -201,34 +200,36 @@ def read_channels(path: Path, known: Collection[str]) -> Dataset:
     return read
 
 
-def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
-    """Fault of a column's cells that are not numbers.
+def not_numbers(table: Table, places: Mapping[str, int], held: Columns) -> list[Fault]:
+    """Faults of cells that are not numbers, one for all columns that have them in the same lines.
 
     Parameters
     ----------
     table
         The table, with its format and column names.
-    place
-        Number of the column, from 0.
-    odd
-        The cells, with their lines.
-    decimal
-        Decimal mark of the table.
+    places
+        Name -> number of its column, from 0.
+    held
+        The columns as read.
     """
-    first, last = odd.lines[0], table.last_line - odd.lines[0] + 1  # the first of them; lines from it to the end
-    attempt = f"units_row: {first}, if it has the units" if first == table.first_line and odd.n == 1 else ""
-    if all(_THOUSANDS.fullmatch(cell) for cell in odd.cells):
-        attempt = "numbers without a mark between thousands"
-    elif last <= _FOOTER and sum(n >= first for numbers, _ in table.rows() for n in numbers) == odd.n:
-        attempt = f"skip_footer: {last}, to leave the end of the file out"
-    shown = ", ".join(repr(cell if len(cell) <= 40 else cell[:39] + "…") if cell else "nothing" for cell in odd.cells)
-    return Fault(
-        f"{odd.n} value(s) are not numbers",
-        where=f"{table.path}, column '{table.headers[place]}', {line_numbers(odd.lines, odd.n)}",
-        got=shown + (", …" if odd.n > len(odd.cells) else ""),
-        allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
-        attempt=attempt,
-    )
+    faults: list[Fault] = []
+    for n_lines, *lines in dict.fromkeys((one.n, *one.lines) for one in held.odd.values()):
+        odd = {name: one for name, one in held.odd.items() if [one.n, *one.lines] == [n_lines, *lines]}
+        n, cells = n_lines * len(odd), [cell for one in odd.values() for cell in one.cells]
+        n_left = table.last_line - lines[0] + 1  # lines from the first of them to the end
+        attempt = f"units_row: {lines[0]}, if it has the units" if lines[0] == table.first_line and n_lines == 1 else ""
+        if all(_THOUSANDS.fullmatch(cell) for cell in cells):
+            attempt = "numbers without a mark between thousands"
+        elif n_left <= _FOOTER and sum(i >= lines[0] for numbers, _ in table.rows() for i in numbers) == n_lines:
+            attempt = f"skip_footer: {n_left}, to leave the end of the file out"
+        some = list(dict.fromkeys(cells))[:N_NAMED]
+        shown = ", ".join(repr(cell if len(cell) <= 40 else cell[:39] + "…") if cell else "nothing" for cell in some)
+        columns = ", ".join(f"'{table.headers[places[name]]}'" for name in odd)
+        place = f"{table.path}, {'columns' if len(odd) > 1 else 'column'} {columns}, {line_numbers(lines, n_lines)}"
+        allowed = f"numbers with a decimal {'comma' if held.decimal == ',' else 'point'}"
+        more = ", …" if n > len(cells) or len(set(cells)) > len(some) else ""
+        faults.append(Fault(f"{n} value(s) are not numbers", place, shown + more, allowed, attempt))
+    return faults
 
 
 def line_numbers(first: Sequence[int], n: int) -> str:

@@ -35,7 +35,8 @@ _NUMBER = re.compile(r"^[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?$")
 _MARKED = re.compile(r"^[\[(](?P<unit>[^\[\]()]*)[\])]$")
 # Written after "_", "/" or "in"; a closed list, because a name may end in anything ("force_max", "run/2").
 _SUFFIX_UNITS = frozenset(
-    "m cm mm um µm in inch N kN mN kgf gf lbf Pa kPa MPa s sec ms us µs min rad mrad deg degree degrees °".split()
+    "m cm mm um µm in inch N kN mN kgf gf lbf kg g Pa kPa MPa bar mbar psi mmHg Torr ml s sec ms us µs min "
+    "rad mrad deg degree degrees °".split()
 )
 
 
@@ -61,14 +62,19 @@ class Table:
         return self.file.path
 
     def find(self, name: str) -> list[int]:
-        """Columns with this name: as written, else without the unit, else ignoring case."""
+        """Columns with this name: as written, else without the unit, else ignoring case, else as `M1 X` of `M1.x`."""
         candidates = [(column, (header, split_header(header)[0])) for column, header in enumerate(self.headers)]
         wanted = " ".join(name.split())
         for level in range(2):
             found = [column for column, names in candidates if names[level] == wanted]
             if found:
                 return found
-        return [c for c, names in candidates if wanted.casefold() in (n.casefold() for n in names)]
+        for pattern in (" ", r"[\s._:-]+"):
+            folded = [(c, [re.sub(pattern, ".", name.casefold()) for name in names]) for c, names in candidates]
+            found = [column for column, names in folded if re.sub(pattern, ".", wanted.casefold()) in names]
+            if found:
+                break
+        return found
 
     def rows(self) -> Iterator[tuple[list[int], list[list[str]]]]:
         """The rows in blocks: line numbers and cells, one per header; empty rows are skipped.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from softcal.geometry.locate import extents
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, matching_faces, nearest_triangle
 from softcal.quantities import Clearance, Direction, Point, Size
+from softcal.units import AS_WRITTEN, format_quantity
 
 Mask = NDArray[np.bool_]
 Side = Literal["on", "above", "below"]
@@ -275,11 +276,20 @@ def _slack(mesh: TetMesh) -> float:
 def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: str) -> Ints:
     if len(chosen):
         return chosen
+    stated: list[str] = []  # as in a project file: point: [61 mm, 0 mm, 0 mm]
+    for one in fields(region):
+        value, unit = getattr(region, one.name), "1" if one.name == "normal" else "m"
+        if isinstance(value, tuple):
+            stated.append(f"{one.name}: [{', '.join(format_quantity(x, unit, digits=AS_WRITTEN) for x in value)}]")
+        elif value != one.default:
+            stated.append(f"{one.name}: {value if isinstance(value, str) else format_quantity(value, unit)}")
     raise MeshError(
         Fault(
             f"the region selects no {kind}",
             where=where,
-            got=str(region),
+            got=f"group: {region.name}"
+            if isinstance(region, Named)
+            else f"{type(region).__name__.lower()}: {{{', '.join(stated)}}}",
             allowed=f"a region that meets the mesh, which spans {extents(mesh)}",
             attempt="check the unit of the region and of the mesh" if not isinstance(region, Named) else "",
         )

@@ -133,7 +133,7 @@ def budget_note(of: FirstScreen) -> str:
             f"{bounds}The mesh's share is the square of the shift that its study expects; the intervals do not include "
             "it."
         )
-    return f"{bounds}The mesh's share is not included; softcal mesh-study estimates it, up to its limit --unknowns."
+    return f"{bounds}The mesh's share is not included; softcal mesh-study estimates it."
 
 
 def _estimates(of: FirstScreen) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from softcal.calibration.problem.experiment import rig_parameters
 from softcal.calibration.problem.scope import ScopedParameter
+from softcal.calibration.results.fit import missing_rows
 from softcal.checks import Ints
 from softcal.declare import checked_arguments
 from softcal.display import displayed
@@ -245,6 +246,9 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
                 least, most = (format_quantity(float(end), c.unit) for end in (c.values.min(), c.values.max()))
                 data_row += f", {key} {least} to {most}"
         rows += [(f"experiment {name}", f"{driven}, compared: {', '.join(compared)}"), ("  data", data_row)]
+        if unseen := missing_rows(experiment):
+            of_all = f"of {data.n_samples} samples"
+            rows.append(("  not measured", ", ".join(f"{one} in {len(at)} {of_all}" for one, at in unseen.items())))
         rows += [("  clocks", step.outcome) for step in data.provenance if step.name == "synchronise"]
         cycle = (project.corrected[name] or data).cycle
         if cycle is not None:

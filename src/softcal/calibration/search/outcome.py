@@ -237,7 +237,8 @@ def _notes(
             notes.append(Remark(f"{experiment.name} ({n_samples} states): not measured, and so not compared: {named}."))
     if n_failed:
         first = next(trial for trial in trials if trial.state == "FAILED")
-        where = ", ".join(f"{name} = {value:.4g}" for name, value in first.theta.items())
+        units = {one.label: one.unit for one in problem.space.parameters}
+        where = ", ".join(f"{name} = {format_quantity(value, units[name])}" for name, value in first.theta.items())
         text = f"{n_failed} of {len(trials)} trials could not be simulated; the first at {where}: {first.reason}"
         notes.append(Remark(text))
     pulleys = [experiment.rig.pulleys for experiment in problem.experiments]

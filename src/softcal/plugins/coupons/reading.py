@@ -97,8 +97,9 @@ def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> l
     clock = _column(table, kind, [TIME], "", "s", faults, unit_faults) if table.find(TIME) else None
     label = find_column(table, SPECIMEN, faults) if table.find(SPECIMEN) else None
     every = columns if clock is None else [*columns, clock]
-    held = read_columns(table, {str(c.place): c.place for c in every}, may_miss=lambda _: False, label=label)
-    faults += [not_numbers(table, int(place), odd, held.decimal) for place, odd in held.odd.items()]
+    places = {str(c.place): c.place for c in every}
+    held = read_columns(table, places, may_miss=lambda _: False, label=label)
+    faults += not_numbers(table, places, held)
     if faults:
         raise DatasetError([*faults, *unit_faults])
     if unit_faults:

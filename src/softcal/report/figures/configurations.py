@@ -37,7 +37,7 @@ def configurations(content: ReportContent) -> Iterator[Drawing]:
     drawn = draw_configurations(compared, content.headline_result.parameters)
     caption = (
         f"{compared.state}: the twin at selected values, with the root mean square distance of its markers (blue) "
-        "from their measured positions (red). Colour: displacement from rest, one scale for all."
+        "from their measured positions (orange). Colour: displacement from rest, one scale for all."
     )
     section = "compared" if overview_curves(content) else "overview"
     yield Drawing(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # In inches: height of the pictures, greatest width of both, and margins.
 _PANEL, _WIDEST = 3.4, 9.0
-_LEFT, _GAP, _HEAD, _FOOT = 0.6, 0.25, 0.35, 0.85
+_LEFT, _GAP, _HEAD, _FOOT = 0.75, 0.25, 0.35, 0.85
 _COLUMNS = 6
 _THIN = 1e-6  # of the markers' largest extent: a smaller second extent means that they are collinear
 

@@ -13,7 +13,7 @@ from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture, PostureRates, Sensor, register_sensor
 
 POSITION = tuple(
-    ChannelKind(name, "m", axis=axis, noise=5e-4)  # a camera and a print
+    ChannelKind(name, "m", axis=axis, noise=5e-4, most=10.0, mistake="mm read as m")  # the noise: a camera and a print
     for axis, name in enumerate("xyz")
 )
 

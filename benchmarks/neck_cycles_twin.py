@@ -10,11 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.neck_case import neck_robot
 from softcal import Command, Protocol, Robot, load
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.geometry.neck import Neck
 from softcal.twin.barrier import Contact
 from softcal.twin.parameters import with_parameters
 from softcal.twin.simulate import simulate
@@ -22,7 +20,6 @@ from softcal.twin.simulate import simulate
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 TENSION = "front.tension"
 SLACK = "slack"
-SHAPE = Neck(tets=1000, waist_refinement=10.0, sectors=6)
 FLOOR = 1.3  # [N], what the machine reads while the cable is slack
 POISSONS_RATIO = 0.43  # as the neck's authors found it; nothing here tells it from E
 N_CYCLES = 2  # at each target: the first has the peak, the last the curve and the loop; the ten of the test are near it
@@ -80,12 +77,9 @@ class Compared:
 
 @cache
 def robot() -> Robot:
-    """The material of neck-bench/cycles.yaml on quadratic tets, whose grooves close; its cable has no friction."""
-    (own,) = load(EXAMPLES / "neck-bench" / "cycles.yaml").robot.bodies
-    mesh = SHAPE.mesh()
-    body = replace(own, mesh=mesh, element="P2P1", fixed=mesh.node_sets["socket"])
-    whole = replace(neck_robot(mesh, "P2P1", shape=SHAPE), bodies=(body,), contact=Contact())
-    return with_parameters(whole, {"neck.poissons_ratio": POISSONS_RATIO})
+    """The P1 neck of examples/neck-bench/cycles.yaml, whose grooves close here; its cable has no friction."""
+    own = load(EXAMPLES / "neck-bench" / "cycles.yaml").robot
+    return with_parameters(replace(own, contact=Contact()), {"neck.poissons_ratio": POISSONS_RATIO})
 
 
 def curve(target: Target) -> tuple[Floats, Floats]:

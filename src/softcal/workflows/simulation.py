@@ -276,7 +276,7 @@ def pull(
 
 
 def twin_view(robot: Robot, response: Response) -> TwinView | None:
-    """The robot at rest and at its largest pitch; None if there are not two shapes."""
+    """The robot at rest and where it is bent most; None if there are not two shapes."""
     from softcal.report.twin_view import TwinView
 
     if len(response.snapshots) < 2:

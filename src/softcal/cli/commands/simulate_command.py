@@ -33,7 +33,8 @@ def simulate(
         typer.Option(
             metavar="ACTUATOR=VALUE",
             help="Instead of experiments: pull a cable from zero to a shortening (front=40mm), a tension (front=8N, "
-            "front=2kgf) or by a hanging mass (front.mass=2kg); or a chamber (chamber=20kPa); repeat for several.",
+            "front=2kgf) or by a hanging mass (front.mass=2kg); a chamber (chamber=20kPa), a drive (motor=40deg); "
+            "repeat for several.",
             show_default=False,
         ),
     ] = None,
@@ -56,7 +57,7 @@ def simulate(
     ] = False,
     engine: Engine = "softcal",
 ) -> None:
-    """Simulate the twin: its response as CSV with units, and a picture at rest and at the largest pitch."""
+    """Simulate the twin: its response as CSV with units, and a picture at rest and where it is bent most."""
     from softcal.project.project import load
 
     loaded = load(project, values=parsed_values(values))

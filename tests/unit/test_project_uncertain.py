@@ -12,7 +12,7 @@ from project_case import PROJECT, write_project
 from softcal.calibration.problem.frame import FRAME
 from softcal.errors import ProjectFileError
 from softcal.geometry.shape import LENGTHS
-from softcal.mechanics.tensions import KINDS
+from softcal.mechanics.tensions import BY_LENGTH, KINDS
 from softcal.project.project import Project, load
 from softcal.project.search import quantity_of
 from softcal.sensing.channel import readings
@@ -181,6 +181,7 @@ def test_the_table_of_the_rig_has_every_parameter_with_its_unit() -> None:
         "clamp_depth",
         *LENGTHS,
         *KINDS,  # of a cable's line
+        *BY_LENGTH,
         "backlash",
     }
     assert {name.rpartition(".")[2] for name in found} == of_rig

@@ -263,7 +263,12 @@ class CableTerm(ActuatorTerm):
         cable's shortening or stretch.
         """
         motion, longer = self.end_motions.get(name), 0.0
-        i = self.names.index(name.rpartition(".")[0]) if motion is None else motion.cable
+        own = {
+            one: (i, key)
+            for key, ones in zip(KINDS | BY_LENGTH, self._of_lines, strict=True)
+            for i, one in enumerate(ones)
+        }
+        i, key = own[name] if motion is None else (motion.cable, "")
         r, slip, travel = np.zeros(len(self.segments)), np.zeros(len(self.segments)), 0.0
         if motion is not None:
             of_rest = motion.rest[self.order]
@@ -273,7 +278,7 @@ class CableTerm(ActuatorTerm):
             r = along.by_angle * along.course.turns.rates(motion.vectors(x)[self.order]) + along.by_slip * slip
             travel, longer = travel - float(more.sum()), float(of_rest.sum())
         by_length = [key for key in BY_LENGTH if f"{self.names[i]}.{key}" in self.stated]
-        rates = along.lines.rates(i, name.rpartition(".")[2], float(self.rest_length[i]), longer, by_length)
+        rates = along.lines.rates(i, key, float(self.rest_length[i]), longer, by_length)
         for kind, rate in rates.items():
             by, of_slip, stretch = along.by_property(kind, i)
             r, slip, travel = r + rate * by, slip + rate * of_slip, travel + rate * stretch

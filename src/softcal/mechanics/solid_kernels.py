@@ -445,20 +445,21 @@ def add_stress_tangent_linear(
         Their tangents (n_tets * n_q, 6, 6) [Pa].
     """
     for e in range(len(w)):
-        f, g, s, d = F[e, 0], dN[e, 0], _six(S[e]), D[e]
+        f0, f1, f2 = _row(F[e, 0, 0]), _row(F[e, 0, 1]), _row(F[e, 0, 2])
+        g, s, d = dN[e, 0], _six(S[e]), D[e]
         rows = (_six(d[0]), _six(d[1]), _six(d[2]), _six(d[3]), _six(d[4]), _six(d[5]))
         m = 0
         for a in range(4):
             x, y, z = w[e, 0] * g[a, 0], w[e, 0] * g[a, 1], w[e, 0] * g[a, 2]
             A0, A1, A2 = (
-                _stresses(rows, _strains(f, 0, x, y, z)),
-                _stresses(rows, _strains(f, 1, x, y, z)),
-                _stresses(rows, _strains(f, 2, x, y, z)),
+                _stresses(rows, _strains(f0, x, y, z)),
+                _stresses(rows, _strains(f1, x, y, z)),
+                _stresses(rows, _strains(f2, x, y, z)),
             )
             tx, ty, tz = s[0] * x + s[3] * y + s[5] * z, s[3] * x + s[1] * y + s[4] * z, s[5] * x + s[4] * y + s[2] * z
             for b in range(a, 4):
                 x, y, z = g[b, 0], g[b, 1], g[b, 2]
-                B0, B1, B2 = _strains(f, 0, x, y, z), _strains(f, 1, x, y, z), _strains(f, 2, x, y, z)
+                B0, B1, B2 = _strains(f0, x, y, z), _strains(f1, x, y, z), _strains(f2, x, y, z)
                 t = tx * x + ty * y + tz * z
                 k00, k01, k02 = _work(A0, B0) + t, _work(A0, B1), _work(A0, B2)
                 k10, k11, k12 = _work(A1, B0), _work(A1, B1) + t, _work(A1, B2)
@@ -476,10 +477,16 @@ def _six(x: Floats) -> Six:
 
 
 @kernel(error_model="numpy", fastmath=FAST)
-def _strains(f: Floats, i: int, x: float, y: float, z: float) -> Six:
-    """The rates of the strains, shears doubled, by component i of a point with the gradient (x, y, z)."""
-    f0, f1, f2 = f[i, 0], f[i, 1], f[i, 2]
-    return f0 * x, f1 * y, f2 * z, f0 * y + f1 * x, f1 * z + f2 * y, f0 * z + f2 * x
+def _row(x: Floats) -> Vector:
+    return x[0], x[1], x[2]
+
+
+@kernel(error_model="numpy", fastmath=FAST)
+def _strains(f: Vector, x: float, y: float, z: float) -> Six:
+    """The rates of the strains, shears doubled, by a component of a point with the gradient (x, y, z); f: its row of
+    the deformation gradient.
+    """
+    return f[0] * x, f[1] * y, f[2] * z, f[0] * y + f[1] * x, f[1] * z + f[2] * y, f[0] * z + f[2] * x
 
 
 @kernel(error_model="numpy", fastmath=FAST)

@@ -125,7 +125,7 @@ def _draws(found: Fits) -> str:
         moduli, ratios = found.repeats[element][..., 0], found.repeats[element][..., 1]
         low, high = np.quantile(1e-6 * moduli, [0.05, 0.95])
         least, most = np.quantile(ratios, [0.05, 0.95])
-        of_four = np.quantile(moduli.max(axis=1) / moduli.min(axis=1), [0.05, 0.5, 0.95])
+        of_four = np.quantile(_spreads(found, element), [0.05, 0.5, 0.95])
         rows.append(
             [
                 element,
@@ -200,7 +200,6 @@ def _figures(found: Fits) -> dict[str, str]:
     others = [(value(one, E), value(one, NU), one.loss) for one in found.seeds]
     least = found.linear[TESTS[0].name].loss
     between = (found.repeats["P1"][..., 1] > 0.41) & (found.repeats["P1"][..., 1] < 0.495)
-    of_four = found.repeats["P2P1"][..., 0]
     freed, freed_ratios = ([value(one, name) for one in found.linear_freed.values()] for name in (E, NU))
     importances = [one.importance[NU] for one in found.trials.values()]
     return {
@@ -218,7 +217,7 @@ def _figures(found: Fits) -> dict[str, str]:
         "repeats": str(len(found.repeats["P1"])),
         "trials off": f"{100 * missed:.0f}",
         "papers factor default": f"{_spread(over['P2P1']):.2f}",
-        "default agree": f"{100 * (np.quantile(of_four.max(axis=1) / of_four.min(axis=1), 0.95) - 1):.0f}",
+        "default agree": f"{100 * (np.quantile(_spreads(found, 'P2P1'), 0.95) - 1):.0f}",
         "between": f"{100 * np.mean(between):.0f}",
         "seeds": str(len(others)),
         "one seed": f"{_spread([value(one, E) for one in found.one_seed]):.2f}",
@@ -232,14 +231,14 @@ def _figures(found: Fits) -> dict[str, str]:
         "linear freed": f"{1e-6 * min(freed):.2f} to {1e-6 * max(freed):.2f}",
         "linear freed nu": f"{min(freed_ratios):.3f} to {max(freed_ratios):.3f}",
         "importances": f"{min(importances):.3f} to {max(importances):.3f}",
-        "spreads": " to ".join(f"{x:.2f}" for x in np.quantile(_spreads(found), [0.05, 0.95])),
+        "spreads": " to ".join(f"{x:.2f}" for x in np.quantile(_spreads(found, "P1"), [0.05, 0.95])),
         "linear low": f"{100 * (1 - np.mean(freed) / TRUE[E]):.0f}",
     }
 
 
-def _spreads(found: Fits) -> Floats:
-    """Largest over smallest E of the four tests, by P1, in every draw."""
-    moduli = found.repeats["P1"][..., 0]
+def _spreads(found: Fits, element: str) -> Floats:
+    """Largest over smallest E of the four tests in every draw."""
+    moduli = found.repeats[element][..., 0]
     return moduli.max(axis=1) / moduli.min(axis=1)
 
 

@@ -92,7 +92,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return "".join(f"'{one}'" for one in _alike(name, known, 1, 0.5))
 
 
-# Other words of the field -> those of project files and channels.
+# Word of the field -> the name of that key or channel in softcal.
 _MEANT = {
     **dict.fromkeys(("e", "modulus", "young", "elastic_modulus", "stiffness"), "youngs_modulus"),
     **dict.fromkeys(("tendons", "wires", "strings"), "cables"),

@@ -152,7 +152,7 @@ class Neck(Filled):
         return radii, (0.0, self.clamp_depth, first, *domes, self.height)
 
     def shares(self, places: Floats) -> Floats:
-        """As `Primitive.shares`, by the outline's radius at the same height in the place of the outermost."""
+        """As `Primitive.shares`; radii outside the core are shares of the way to the outline at the same height."""
         shares, core, r = super().shares(places), 0.5 * self.waist_diameter, places[:, 0]
         shares[:, 0] = np.minimum(r, core) / core + np.maximum(r - core, 0.0) / self._beyond_core(places[:, 1])
         return shares
@@ -190,10 +190,13 @@ class Neck(Filled):
 
     def dome_radius(self, below_waist: Floats | float) -> Floats:
         """Radius of a dome [m] at distances below its waist [m]."""
-        from scipy.interpolate import PchipInterpolator
+        depth = np.clip(np.divide(below_waist, self.dome_height), 0.0, 1.0)
+        if isinstance(self.dome, str):
+            share = DOMES[self.dome](depth)
+        else:
+            from scipy.interpolate import PchipInterpolator
 
-        dome = DOMES[self.dome] if isinstance(self.dome, str) else PchipInterpolator(*self._dome_points.T)
-        share = dome(np.clip(np.divide(below_waist, self.dome_height), 0.0, 1.0))
+            share = PchipInterpolator(*self._dome_points.T)(depth)
         return 0.5 * (self.waist_diameter + share * (self.outer_diameter - self.waist_diameter))
 
     def dome_places(self, start: float, end: float, top: float, n_points: int = POINTS_PER_DOME) -> list[Place]:

@@ -96,8 +96,8 @@ class CableTerm(ActuatorTerm):
 
     def _lines(self, theta: Theta) -> Lines:
         mu, stiffness, compliance, pretension, presliding, preload, rate, unstretched = (
-            np.array([theta.get(name, otherwise) for name in names], dtype=np.float64)
-            for names, otherwise in zip(self._of_lines, (KINDS | BY_LENGTH).values(), strict=True)
+            np.array([theta.get(f"{name}.{kind}", otherwise) for name in self.names], dtype=np.float64)
+            for kind, otherwise in (KINDS | BY_LENGTH).items()
         )
         length = self.rest_length
         stiffness = np.where(np.isnan(rate), stiffness, rate * length)
@@ -115,9 +115,9 @@ class CableTerm(ActuatorTerm):
         )
 
     @cached_property
-    def _of_lines(self) -> list[list[str]]:
-        """Names of the lines' parameters, by kind and cable."""
-        return [[f"{name}.{kind}" for name in self.names] for kind in KINDS | BY_LENGTH]
+    def _of_lines(self) -> dict[str, tuple[int, str]]:
+        """Parameter of a line -> the number of its cable, and the property."""
+        return {f"{name}.{kind}": (i, kind) for i, name in enumerate(self.names) for kind in KINDS | BY_LENGTH}
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -263,12 +263,7 @@ class CableTerm(ActuatorTerm):
         cable's shortening or stretch.
         """
         motion, longer = self.end_motions.get(name), 0.0
-        own = {
-            one: (i, key)
-            for key, ones in zip(KINDS | BY_LENGTH, self._of_lines, strict=True)
-            for i, one in enumerate(ones)
-        }
-        i, key = own[name] if motion is None else (motion.cable, "")
+        i, key = self._of_lines[name] if motion is None else (motion.cable, "")
         r, slip, travel = np.zeros(len(self.segments)), np.zeros(len(self.segments)), 0.0
         if motion is not None:
             of_rest = motion.rest[self.order]

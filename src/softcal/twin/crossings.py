@@ -130,8 +130,7 @@ def crossed_on_path(
             # At its coordinate, contact raises the robot's least energy by at most what it stores in this shape. Parts
             # deep inside each other, or between the points that press, store less than they should.
             presses = all(0.0 < skins.overlaps(nodes[k].state.x).get(pair, 0.0) < skins.touch.depth for k in at)
-            change = max(skins.touch.stored(nodes[k].state.x, theta) / max(work[k], 1e-300) for k in at)
-            if presses and change < SLIGHT:
+            if presses and all(skins.touch.stored(nodes[k].state.x, theta) < SLIGHT * work[k] for k in at):
                 changes = f", where contact would change the work of {driven[0]} by less than {100 * SLIGHT:g} %"
                 slight.append(_sentence(pair, where, depth, changes))
             else:

@@ -24,11 +24,11 @@ HERE = Path(__file__).resolve().parent
 PAGE, KEPT = HERE.parent / "docs" / "neck-cycles.md", HERE / "neck_cycles.json"
 # What is fitted [SI]: where the search starts, and how far it may go.
 START = {
-    "youngs_modulus": (1.5e6, 2e5, 2e7), "relaxing_share1": (0.1, 1e-3, 0.5), "relaxation_time1": (0.8, 0.05, 20.0),
-    "relaxing_share2": (0.15, 1e-3, 0.5), "relaxation_time2": (5.0, 1.0, 200.0), "softening_amount": (10.0, 1.05, 50.0),
-    "softening_energy": (2e3, 50.0, 1e6), "flow_modulus": (1.4e5, 1e3, 3e6), "flow_threshold": (2e4, 1e2, 1e6),
+    "youngs_modulus": (1.9e6, 2e5, 2e7), "relaxing_share1": (0.14, 1e-3, 0.5), "relaxation_time1": (0.84, 0.05, 20.0),
+    "relaxing_share2": (0.12, 1e-3, 0.5), "relaxation_time2": (7.0, 1.0, 200.0), "softening_amount": (20.0, 1.05, 50.0),
+    "softening_energy": (2.4e3, 50.0, 1e6), "flow_modulus": (2.9e5, 1e3, 3e6), "flow_threshold": (4.2e4, 1e2, 1e6),
 }  # fmt: skip
-SLACKS = (2e-3, -5e-3, 8e-3)  # [m]
+SLACKS = (1.3e-3, -5e-3, 8e-3)  # [m]
 UNITS = {"youngs_modulus": "Pa", "softening_energy": "Pa", "flow_modulus": "Pa", "flow_threshold": "Pa", SLACK: "m"}
 UNITS |= {"relaxation_time1": "s", "relaxation_time2": "s"}
 EVALUATIONS = 20

@@ -10,13 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.neck_case import neck_robot
 from softcal import Command, Protocol, Robot, load
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.geometry.neck import Neck
 from softcal.twin.barrier import Contact
 from softcal.twin.parameters import with_parameters
 from softcal.twin.simulate import simulate
 
+SHAPE = Neck(tets=1000, waist_refinement=10.0, sectors=6)
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 TENSION = "front.tension"
 SLACK = "slack"
@@ -77,9 +80,14 @@ class Compared:
 
 @cache
 def robot() -> Robot:
-    """The P1 neck of examples/neck-bench/cycles.yaml, whose grooves close here; its cable has no friction."""
+    """The neck of some 1000 quadratic tets with the material of examples/neck-bench/cycles.yaml; its grooves close, and
+    its cable has no friction.
+    """
     own = load(EXAMPLES / "neck-bench" / "cycles.yaml").robot
-    return with_parameters(replace(own, contact=Contact()), {"neck.poissons_ratio": POISSONS_RATIO})
+    mesh = SHAPE.mesh()
+    body = replace(own.bodies[0], mesh=mesh, element="P2P1", fixed=mesh.node_sets["socket"])
+    drawn = neck_robot(mesh, "P2P1", shape=SHAPE)
+    return with_parameters(replace(drawn, bodies=(body,), contact=Contact()), {"neck.poissons_ratio": POISSONS_RATIO})
 
 
 def curve(target: Target) -> tuple[Floats, Floats]:

@@ -117,12 +117,14 @@ def test_a_trail_is_a_polynomial_of_the_commands(n, m, degree, error):
     for own in terms:
         own[layout.first_frame_unknown : layout.first_pressure_unknown] = 0.0  # turns do not add
 
-    def state_at(commands):
+    def step_to(commands):
         powers = [np.ones(1)]
         for _ in range(degree):
             powers.append(np.kron(powers[-1], commands[:m]))
-        dz = sum(own @ power for own, power in zip(terms, powers, strict=True))
-        return moved(layout, rest_state(layout), dz)
+        return sum(own @ power for own, power in zip(terms, powers, strict=True))
+
+    def state_at(commands):
+        return moved(layout, rest_state(layout), step_to(commands))
 
     def controls_at(commands):
         return Controls(np.array([True, False]), commands * [1.0, 0.0], commands * [0.0, 1.0])
@@ -130,14 +132,18 @@ def test_a_trail_is_a_polynomial_of_the_commands(n, m, degree, error):
     nodes = np.zeros((n, 2))
     nodes[:, :m] = rng.uniform(-1.0, 1.0, (n, m))
     trail = Trail(layout, controls_at(nodes[0]), state_at(nodes[0]))
-    for commands in nodes[1:]:
-        trail.add(controls_at(commands), state_at(commands))
+    for k, commands in enumerate(nodes):
+        if k > 0:
+            trail.add(controls_at(commands), state_at(commands))
+        trail.add_rates(step_to(commands)[:, None])
     by_command = np.zeros((layout.n_unknowns, 2))
     by_command[:, :m] = terms[1]
     target = np.array([0.3, 0.7 if m == 2 else 0.0])
-    predicted, expected = trail.beyond(controls_at(target), by_command), state_at(target)
+    (predicted, rates), expected = trail.beyond(controls_at(target), by_command), state_at(target)
     np.testing.assert_allclose(predicted.x, expected.x, rtol=0.0, atol=1e-3 * error)
     np.testing.assert_allclose(predicted.effort, expected.effort, rtol=0.0, atol=1e-3 * error)
+    if n > 1:
+        np.testing.assert_allclose(rates[:, 0], step_to(target), rtol=0.0, atol=1e-3 * error)
 
 
 def test_stability_is_judged_on_a_long_way():

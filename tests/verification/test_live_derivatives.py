@@ -47,6 +47,38 @@ def test_by_commands(cable):
     )
 
 
+@pytest.mark.parametrize("asked", [1, 3])
+def test_by_commands_with_a_kept_tangent(asked):
+    """Along small steps, asked at every one or every third: those of a twin that factorises there, to 1e-8 of the
+    largest of each channel's, without a factorisation a step; and the states are those without derivatives.
+    """
+    live, plain = LiveTwin(ROBOT, CONTROLS), LiveTwin(ROBOT, CONTROLS)
+    n, own, steps = 0, live._steps.statics.tangent, 60
+    for k in range(steps):
+        angle = 2.0 * np.pi * k / steps
+        pose = {"front": 0.012 + 0.002 * np.sin(angle), "back": 3.0 + 0.5 * np.cos(angle)}
+        state, alone = live.at(pose), plain.at(pose)
+        np.testing.assert_allclose(values(state), values(alone), rtol=1e-9, atol=1e-12)
+        if k % asked == 0 or k == steps - 1:
+            rates, n = state.by_commands().values, n + 1
+    assert own.n_factorisations < plain._steps.statics.n_factorisations + 0.5 * n
+    fresh = LiveTwin(ROBOT, CONTROLS)
+    fresh.at(pose)
+    exact = fresh.state.by_commands().values
+    for row, own in zip(rates, exact, strict=True):
+        np.testing.assert_allclose(row, own, rtol=0.0, atol=1e-8 * max(np.abs(own).max(), 1e-6))
+
+
+def test_derivatives_go_on_after_a_jump():
+    """A step along a load path leaves no prediction; the derivatives there are right all the same."""
+    live = LiveTwin(ROBOT, CONTROLS)
+    for d in (0.004, 0.0041, 0.0042, 0.03):
+        rates = live.at({"front": d, "back": 3.0}).by_commands().values
+    fresh = LiveTwin(ROBOT, CONTROLS)
+    exact = fresh.at({"front": 0.03, "back": 3.0}).by_commands().values
+    np.testing.assert_allclose(rates, exact, rtol=0.0, atol=1e-8 * np.abs(exact).max())
+
+
 def test_a_slack_cable_moves_nothing():
     live = LiveTwin(ROBOT)
     jacobian = live.at({"front": 0.01, "back": -0.02}).by_commands()

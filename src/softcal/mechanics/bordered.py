@@ -31,6 +31,7 @@ AS_MANY = 0.3  # of the unknowns: as many products of low rank make the tangent 
 # that it saves: neck, P2P1, one core: 7k unknowns 12 ms, and 1 ms an iteration; 28k 180 (single 110) and 10; 75k 1,310
 # (750) and 35.
 LARGE = 20_000
+SMALL = 8.0  # solutions by iteration that cost as much as the factorisation of a small matrix
 ANALYSED = 2.0  # times as long: a factorisation with an analysis, as of what touches anew
 EXACT = 1e-11  # relative error of solutions for slopes and derivatives
 CERTAIN = 1e-5  # relative error of a random solution: a random vector's share in a mode is above that
@@ -106,6 +107,14 @@ class BorderedTangent:
             if self._factors is None or isinstance(self._factors, Dense):
                 self._renew(at)
 
+    def follow(self, at: Linearisation) -> None:
+        """Solve with a tangent near that of the factors from now on, by these and their border while that costs less
+        than new ones.
+        """
+        border, solved = self._border, self._columns_solved
+        self._take(at, at)
+        self._border, self._columns_solved = border, solved
+
     def forget(self) -> None:
         """Forget the factors, so that the next tangent is factorised."""
         self._factors, self._is_own = None, False
@@ -145,11 +154,11 @@ class BorderedTangent:
         )
         self._columns_solved = solved
 
-    def solve(self, b: Floats, accuracy: float = EXACT) -> Floats:
+    def solve(self, b: Floats, accuracy: float = EXACT, guess: Floats | None = None) -> Floats:
         """The unknowns' response to b (n_unknowns,) or (n_unknowns, k) with the tangent taken last.
 
         accuracy: relative error where it is solved by iteration, and of an even force's odd part, or the reverse, where
-        the tangent mirrors itself.
+        the tangent mirrors itself; guess: where the iteration begins, as b.
 
         Raises
         ------
@@ -162,7 +171,12 @@ class BorderedTangent:
             columns = np.concatenate([self._factors.without_small_parts(columns[:n], accuracy), columns[n:]])
         if self._at is None or columns.shape[1] == 0:
             return self._substituted(columns).reshape(b.shape)
-        return self._iterated(columns, accuracy)[0].reshape(b.shape)
+        begin = None if guess is None else guess.reshape(columns.shape)
+        return self._iterated(columns, accuracy, begin)[0].reshape(b.shape)
+
+    def substitute(self, b: Floats) -> Floats:
+        """About the response to b (n_unknowns,) with the tangent taken last: by the factors as they are."""
+        return self._substituted(b[:, None])[:, 0]
 
     def n_unstable(self) -> int:
         """Number of unstable directions of the state whose tangent was taken last; zero where it is stable.
@@ -207,16 +221,17 @@ class BorderedTangent:
         n_unstable = n_negative - self.system.layout.n_pressures - (len(border.corner) - n_motions)
         return n_unstable % 2 if border.has_moments else n_unstable
 
-    def _iterated(self, b: Floats, accuracy: float) -> tuple[Floats, Floats]:
-        """The response to b (n_unknowns, k) by GMRES, and Ritz values: with the factors as they are while that costs
-        less than new ones, else with new ones; in double precision where these do not serve either.
+    def _iterated(self, b: Floats, accuracy: float, guess: Floats | None = None) -> tuple[Floats, Floats]:
+        """The response to b (n_unknowns, k) by GMRES from a guess, and Ritz values: with the factors as they are while
+        that costs less than new ones, else with new ones; in double precision where these do not serve either.
         """
         at, own = self._at, self._own_factors
         if at is None:
             return self._substituted(b), np.ones(1)
         cost = 0.5 * (1 + b.shape[1])  # of an iteration, over that of one column
-        at_least = np.log(accuracy) / np.log(OWN)  # iterations, also with the tangent's own factors
-        affordable = own.solves_per_factorisation * (ANALYSED if at.touch is not None else 1.0)
+        # Iterations, also with the tangent's own factors; from a guess perhaps one.
+        at_least = np.log(accuracy) / np.log(OWN) if guess is None else 1.0
+        affordable = max(own.solves_per_factorisation, SMALL) * (ANALYSED if at.touch is not None else 1.0)
         if cost * at_least > affordable:  # such as for many derivatives
             self.factorise(at)
             return self._iterated(b, accuracy)
@@ -229,12 +244,13 @@ class BorderedTangent:
                 b,
                 accuracy,
                 most,
+                None if guess is None else guess / self._scale,
             )
             self.n_iterations += solution.n_iterations
             self._spent += cost * max(solution.n_iterations - at_least, 0.0)
             if solution.converged:
                 return self._scale * solution.x, solution.ritz
-        if self._is_own:
+        if self._is_own or len(self.unit) < LARGE:
             self.factorise(at)
         else:
             self._renew(at)

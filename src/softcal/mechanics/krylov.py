@@ -43,7 +43,9 @@ class Solution:
     ritz: Floats
 
 
-def gmres(times: Map, precondition: Map, b: Floats, accuracy: float, most: int) -> Solution:
+def gmres(
+    times: Map, precondition: Map, b: Floats, accuracy: float, most: int, guess: Floats | None = None
+) -> Solution:
     """The solution x (n, m) of A x = b, each column by itself.
 
     Parameters
@@ -58,11 +60,15 @@ def gmres(times: Map, precondition: Map, b: Floats, accuracy: float, most: int) 
         Relative error of each column [-].
     most
         Iterations; the solution ends early, not converged, where the rate so far predicts more.
+    guess
+        Where the iteration begins (n, m); None: zero.
     """
-    z = precondition(b)
-    goal = accuracy * np.linalg.norm(z, axis=0)
+    z = precondition(b if guess is None else b - times(guess))
+    goal = accuracy * np.linalg.norm(z if guess is None else guess, axis=0)
+    if guess is not None and np.all(np.linalg.norm(z, axis=0) <= goal):
+        return Solution(guess + z, True, 0, np.ones(1))
     first = cycle = _cycle(times, precondition, z, goal, most)
-    x, n = cycle.x, cycle.n_iterations
+    x, n = cycle.x if guess is None else guess + cycle.x, cycle.n_iterations
     while cycle.converged and accuracy < PER_CYCLE:
         z = precondition(b - times(x))
         n += 1

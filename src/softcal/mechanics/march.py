@@ -31,6 +31,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
 from softcal.mechanics.actuator import SWITCHING
+from softcal.mechanics.bordered import EXACT
 from softcal.mechanics.node import Line, Node, by_parameters, node_at, pushing, returning
 from softcal.mechanics.path import follow, strays
 from softcal.mechanics.redundancy import DEPENDENT
@@ -330,8 +331,16 @@ def remembered(
     )
 
 
-def by_command(statics: Statics, state: State, now: Controls, target: Controls, which: Ints) -> Floats:
-    """dz / d command (n_unknowns, k) of some actuators, by the tangent factorised last.
+def by_command(
+    statics: Statics,
+    state: State,
+    now: Controls,
+    target: Controls,
+    which: Ints,
+    accuracy: float = EXACT,
+    guess: Floats | None = None,
+) -> Floats:
+    """dz / d command (n_unknowns, k) of some actuators, by the tangent taken last.
 
     Parameters
     ----------
@@ -345,6 +354,10 @@ def by_command(statics: Statics, state: State, now: Controls, target: Controls, 
         The commands; an actuator that is commanded by its coordinate may be at a limit of its effort now.
     which
         Numbers of the actuators (k,).
+    accuracy
+        Relative error where the tangent's own factors are not there.
+    guess
+        What the result is about; None: nothing is known of it.
     """
     system = statics.system
     first = system.layout.first_effort_unknown
@@ -356,7 +369,10 @@ def by_command(statics: Statics, state: State, now: Controls, target: Controls, 
             right[:, column] = system.gradient_by_effort(state, i, now, statics.theta)
     if len(which) == 0:
         return right
-    dz = -statics.solve(right)
+    begin = None if guess is None else -guess
+    if begin is not None:
+        begin[first:][now.is_held] = 0.0
+    dz = -statics.solve(right, accuracy, begin)
     efforts = dz[first:]
     efforts[now.is_held] = 0.0
     for column, i in enumerate(which.tolist()):

@@ -243,17 +243,17 @@ class Statics:
         """
         self.tangent.exclude(modes)
 
-    def solve(self, b: Floats, accuracy: float = EXACT) -> Floats:
+    def solve(self, b: Floats, accuracy: float = EXACT, guess: Floats | None = None) -> Floats:
         """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent of the last linearisation.
 
-        accuracy: relative error, where the tangent's own factors are not there.
+        accuracy: relative error, where the tangent's own factors are not there; guess: what it is about, as b.
 
         Raises
         ------
         SimulationError
             Where the bordered tangent is singular, or actuators are driven to coordinates that depend on each other.
         """
-        return self.tangent.solve(b, accuracy)
+        return self.tangent.solve(b, accuracy, guess)
 
     def equilibrium(
         self, guess: State, controls: Controls, tolerance: float | None = None, *, flat_ridges: bool = False

@@ -4,6 +4,7 @@
 
 Where the equilibria do not suffice for all monomials, those of low degree come first; then the tangent's dz/dcommand
 leaves errors of second order. Where they are more than enough, the weights w_i are the smallest, against rounding.
+The same weights predict dz/dcommand, from the states where it was computed.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ class Trail:
         self._layout, self._is_held, self._origin = layout, controls.is_held, state
         self._commands = prescribed(controls)[None]
         self._steps = np.zeros((1, layout.n_unknowns))  # dz from the origin
+        self._rates: list[Floats | None] = [None]
 
     def leads_to(self, controls: Controls) -> bool:
         """Whether these drive the same actuators."""
@@ -46,23 +48,38 @@ class Trail:
         kept = slice(None, -1) if is_same else slice(1 - MOST, None)
         self._commands = np.vstack([self._commands[kept], commands])
         self._steps = np.vstack([self._steps[kept], step])
+        self._rates = [*self._rates[kept], None]
         return step
 
-    def beyond(self, controls: Controls, by_command: Floats) -> State:
-        """The state predicted at other commands, with dz/dcommand (n_unknowns, n_actuators) of a tangent nearby."""
+    def add_rates(self, rates: Floats) -> None:
+        """Add dz/dcommand (n_unknowns, k) at the last state."""
+        self._rates[-1] = rates
+
+    def beyond(self, controls: Controls, by_command: Floats) -> tuple[State, Floats | None]:
+        """The state predicted at other commands, and dz/dcommand (n_unknowns, k) there; None where no state has it.
+
+        by_command: dz/dcommand (n_unknowns, n_actuators) of a tangent nearby.
+        """
         away = self._commands - prescribed(controls)
-        # Weights (k,) of values at points (k, m) for the value at the origin of a polynomial through them.
         far = away * np.linalg.norm(by_command, axis=0)
-        far = far[:, far.any(axis=0)]
-        far = far / np.abs(far).max(initial=1e-300)
-        moments = [
-            PRIORITY ** (DEGREE - d) * far[:, each].prod(axis=2) for d, each in enumerate(_monomials(far.shape[1]))
-        ]
-        first = np.zeros(sum(block.shape[1] for block in moments))
-        first[0] = PRIORITY**DEGREE
-        weights = np.linalg.lstsq(np.hstack(moments).T, first, rcond=None)[0]
-        weights = weights / weights.sum()
-        return moved(self._layout, self._origin, weights @ self._steps - by_command @ (weights @ away))
+        weights = own = _weights(far)
+        state = moved(self._layout, self._origin, weights @ self._steps - by_command @ (weights @ away))
+        known = [k for k, rates in enumerate(self._rates) if rates is not None]
+        if 0 < len(known) < len(weights):
+            own = _weights(far[known])
+        rates = [w * self._rates[k] for w, k in zip(own.tolist(), known, strict=False)]
+        return state, np.sum(rates, axis=0) if rates else None
+
+
+def _weights(far: Floats) -> Floats:
+    """Weights (k,) of values at points (k, m) for the value at the origin of a polynomial through them."""
+    far = far[:, far.any(axis=0)]
+    far = far / np.abs(far).max(initial=1e-300)
+    moments = [PRIORITY ** (DEGREE - d) * far[:, each].prod(axis=2) for d, each in enumerate(_monomials(far.shape[1]))]
+    first = np.zeros(sum(block.shape[1] for block in moments))
+    first[0] = PRIORITY**DEGREE
+    weights = np.linalg.lstsq(np.hstack(moments).T, first, rcond=None)[0]
+    return weights / weights.sum()
 
 
 def prescribed(controls: Controls) -> Floats:

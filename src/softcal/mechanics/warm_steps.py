@@ -19,7 +19,10 @@ tangent nor a factorisation. A step from commands u_n to u (`WarmSteps._warm`):
 5. *Taut and slack* (`_switches`). Efforts stay within their limits, and an actuator at a limit does not return; if one
    must switch, the march does the step, with its active set.
 6. *Stability* is judged, by a new factorisation, where the robot moved by more than `JUDGED` of its extent since it
-   was last, where the step took more than `MANY` iterations or replaced the tangent, and where derivatives are wanted.
+   was last, where the step took more than `MANY` iterations or replaced the tangent, and where derivatives are carried
+   along.
+7. *dz/du* (`by_command`) at the last equilibrium: predicted with the same weights from those of the equilibria before,
+   and corrected by GMRES on its own tangent, with K0 as preconditioner, to `DERIVATIVES`.
 
 The march (`march.py`) follows the load path from the last equilibrium or, where that line passes commands without an
 equilibrium, from the beginning; a warm step to the same commands then makes the result as accurate as others.
@@ -32,7 +35,7 @@ from threading import RLock
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
 from softcal.mechanics.march import Reached, Target, by_command, held_at, reach, remembered
 from softcal.mechanics.node import pushing, returning
@@ -47,6 +50,7 @@ ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does n
 MOST = 12  # iterations of a step in all
 MANY = 6  # iterations: a step that needs more leaves a new factorisation to the next one
 KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
+DERIVATIVES = 1e-9  # relative error of dz/dcommand by a kept tangent
 BENT = 0.5  # of a step, by which at most a prediction is off the tangent; a kink is no polynomial
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 
@@ -72,7 +76,7 @@ class WarmSteps:
     Attributes
     ----------
     statics
-        The statics; what else is solved with them costs a factorisation here.
+        The statics; a factorisation for other solutions leaves the next step without a kept tangent.
     begin
         The equilibrium to which `reset` returns.
     last
@@ -95,6 +99,7 @@ class WarmSteps:
         """Return to an equilibrium that was reached before, with its memory."""
         self.last, self.n_iterations = reached, 0
         self._trail = self._begun(reached)
+        self._rates: Floats | None = None  # dz/dcommand, as it is predicted at the last step
         self._kept: _Kept | None = None
 
     def to(self, aim: Target) -> Reached:
@@ -136,12 +141,34 @@ class WarmSteps:
             Where the tangent is singular.
         """
         kept = self._serving(controls)
-        if kept is not None and kept.state is state:
+        if kept is not None and kept.state is state and self.statics.tangent.is_factorised:
             return
         if state is self.last.state:
             self._judged(state, controls)
         else:
             self.statics.factorise(self.statics.system.linearise(state, controls, self.statics.theta))
+
+    def by_command(self, state: State, now: Controls, target: Controls, which: Ints) -> Floats:
+        """dz / d command (n_unknowns, k) of some actuators at an equilibrium, see `march.by_command`: of the last one
+        by the kept tangent, where that serves.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        statics, kept = self.statics, self._serving(now)
+        if kept is None or kept.state is state or state is not self.last.state:
+            self.factorise(state, now)
+            rates = by_command(statics, state, now, target, which)
+        else:
+            statics.tangent.follow(statics.system.linearise(state, now, statics.theta))
+            rates = by_command(statics, state, now, target, which, DERIVATIVES, self._rates)
+            if statics.n_factorisations != kept.number:
+                self._keep(state, now)
+        if state is self.last.state:
+            self._trail.add_rates(rates)
+        return rates
 
     def _warm(self, aim: Target) -> Reached | None:
         """The step with a kept tangent, or with that of the last equilibrium; None where the march must do it."""
@@ -201,11 +228,16 @@ class WarmSteps:
         """
         statics = self.statics
         statics.factorise(statics.system.linearise(state, controls, statics.theta))
-        if statics.n_unstable() != 0:
-            return None
-        every = np.arange(len(controls.is_held))
-        rates = by_command(statics, state, controls, controls, every)
-        self._kept = _Kept(state, controls.is_held, statics.n_factorisations, rates)
+        return self._keep(state, controls)
+
+    def _keep(self, state: State, controls: Controls) -> _Kept | None:
+        """Keep the tangent factorised last, of a state; None where that is unstable."""
+        statics = self.statics
+        self._kept = None
+        if statics.n_unstable() == 0:
+            every = np.arange(len(controls.is_held))
+            rates = by_command(statics, state, controls, controls, every)
+            self._kept = _Kept(state, controls.is_held, statics.n_factorisations, rates)
         return self._kept
 
     def _solved(self, kept: _Kept, controls: Controls) -> tuple[State, int] | None:
@@ -238,7 +270,7 @@ class WarmSteps:
                     return None
                 statics.factorise(statics.system.linearise(state, controls, statics.theta))
                 residual, previous = np.inf, np.inf
-            dz = -statics.solve(at.reduced)
+            dz = -statics.tangent.substitute(at.reduced)
             correction += dz
             state = statics.reachable(state, dz)
             before, previous = previous, residual
@@ -251,7 +283,7 @@ class WarmSteps:
         way = statics.reach(tangent)
         if way <= SAME * statics.length:  # a polynomial would show rounding errors
             return tangent
-        predicted = self._trail.beyond(controls, kept.by_command)
+        predicted, self._rates = self._trail.beyond(controls, kept.by_command)
         ahead = difference(statics.system.layout, predicted, last.state)
         if statics.reach(ahead - tangent) <= BENT * way:
             return ahead

@@ -20,7 +20,7 @@ from softcal.mechanics.actuator import ActuatorLimits
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.compliance import compliances
 from softcal.mechanics.inertia import Inertia
-from softcal.mechanics.march import Reached, Target, by_command
+from softcal.mechanics.march import Reached, Target
 from softcal.mechanics.neighbours import STEP, Neighbours
 from softcal.mechanics.node import by_parameters
 from softcal.mechanics.small_motions import galerkin, pole_rates, poles_of, rates_along, small_motions
@@ -140,7 +140,8 @@ class LiveState:
     _place: _Place = field(repr=False)
 
     def by_commands(self) -> Jacobian:
-        """Exact derivatives of the channels by the commands of all driven actuators, at the cost of one factorisation.
+        """Exact derivatives of the channels by the commands of all driven actuators: of the twin's present state to
+        1e-9 by its kept factorisation, of another one, or where that does not serve, at the cost of a factorisation.
 
         Of a robot that remembers: by the commands of this state alone, from the state before it.
 
@@ -552,15 +553,14 @@ class _Place(_InOneProcess):
 
     def _ways(self) -> tuple[tuple[str, ...], Floats]:
         """The commands of all actuators, and dz / d command (n_unknowns, k)."""
-        statics, now, target = self._steps.statics, self.reached.controls, self.aim.controls
+        now, target = self.reached.controls, self.aim.controls
         parts = {part.name: part.channels for part in self.twin.robot.commandable}
         numbers = np.array([self.twin.system.number(name) for name in parts], dtype=np.int64)
         labels = tuple(
             str(ChannelName(channels[int(is_held)], name))
             for (name, channels), is_held in zip(parts.items(), target.is_held[numbers].tolist(), strict=True)
         )
-        self._steps.factorise(self.state, now)
-        return labels, by_command(statics, self.state, now, target, numbers)
+        return labels, self._steps.by_command(self.state, now, target, numbers)
 
     @_in_turn
     def stiffnesses(self, names: tuple[str, ...], *, rates: bool = False) -> tuple[Floats, tuple[str, ...], Floats]:

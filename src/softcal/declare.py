@@ -513,6 +513,8 @@ def read_mapping(
         for fault in error.faults:
             keys = tuple(fault.where.split("."))
             is_known = keys[0] in known
+            if others and not is_known:
+                continue  # as of a mapping without bodies, which an unknown key may have stated
             placed = as_pydantic(replace(fault, where="") if is_known else fault)
             found.append(InitErrorDetails(type=placed, loc=keys if is_known else (), input=given))
     else:

@@ -190,6 +190,16 @@ def test_faults_of_all_sections_come_at_once_in_the_order_of_the_lines(tmp_path:
     assert lines == sorted(lines)
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong"), [("  bodies:", "  boides:"), ("  cables:", "  tendons:"), ("robot:", "robots:")]
+)
+def test_what_an_unknown_section_defines_is_no_further_fault(tmp_path: Path, right: str, wrong: str):
+    """Neither its parts, which others name, nor that it is missing."""
+    (told,) = faults_of(write_project(tmp_path, (f"{right}\n", f"{wrong}\n")))
+    assert "unknown key" in told
+    assert f"Try: '{right.strip(' :')}'" in told
+
+
 def test_names_are_resolved_with_the_nearest_known(tmp_path: Path):
     path = write_project(
         tmp_path,

@@ -10,7 +10,7 @@ from softcal.calibration.problem.loss import LOSSES
 from softcal.calibration.problem.rig import CommonRig
 from softcal.calibration.problem.uncertain import RESERVED
 from softcal.declare import Declared
-from softcal.errors import Fault, ProjectFileError, unknown
+from softcal.errors import Fault, ProjectFileError, nearest, unknown
 from softcal.experiments.prepare import PlannedStep
 from softcal.limits import LIMITS, RESERVED_OF_TESTS, folded, name_fault
 from softcal.materials.catalogue import LAWS
@@ -80,11 +80,11 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         With every fault of the sections, and every file that is named and is not there.
     """
     findings = Findings(document)
-    for key in document.data:
-        if key not in SECTIONS:
-            findings.faults.append(unknown("unknown key", document.where((key,)), key, SECTIONS))
+    others = [key for key in document.data if key not in SECTIONS]
+    findings.faults += [unknown("unknown key", document.where((key,)), key, SECTIONS) for key in others]
+    meant = {nearest(key, SECTIONS).strip("'") for key in others}
     for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
-        if document.data.get(key) is None:
+        if document.data.get(key) is None and key not in meant:
             findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)
     version = document.data.get("softcal", FORMAT)
     if version is not None and (version != FORMAT or isinstance(version, bool)):
@@ -136,7 +136,9 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         if body is not None and isinstance(body.mesh, MeshFile) and files.mesh(name) is None:
             with findings.at(("robot", "bodies", name, "mesh")):
                 files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
-    parts = part_names(document)
+    # The parts of an unknown section of the robot have no names, and references to them would be faults that are none.
+    unread = document.mapping("robot").keys() - RobotSection.model_fields.keys()
+    parts = None if unread else part_names(document)
     sensors = document.mapping("robot").get("sensors")
     if parts is not None and isinstance(sensors, dict):
         check_sensors(sensors, parts, findings)

@@ -22,7 +22,7 @@ from softcal.errors import SimulationError
 from softcal.geometry.centreline import straight
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import RectangularBar
-from softcal.mechanics import path_watch
+from softcal.mechanics import path, path_watch
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import between
 from softcal.mechanics.path_limits import PathLimits
@@ -32,6 +32,7 @@ from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Equilibrium, Statics
 from softcal.mechanics.system import Controls
 from softcal.project.project import load
+from softcal.twin.barrier import Contact
 from softcal.twin.build import build_twin
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
@@ -100,6 +101,17 @@ def test_each_sample_of_several_cables_ends_so_too() -> None:
     assert "Sample 1 of 1 was not reached" in response.status
     assert "the load path was ended at" in response.status
     assert "at via point 1 of tendon (1, 0.5, 11.5) mm, fail first" in response.status
+
+
+def test_the_advice_is_of_what_the_robot_has_or_lacks() -> None:
+    robot = column_robot("P1", divisions=(1, 1, 3))
+    told = [
+        path._advice(build_twin(one).system)
+        for one in (robot, replace(robot, contact=Contact()), replace(robot, cables=()))
+    ]
+    assert ["via point" in one for one in told] == [True, True, False]
+    assert ["contact where" in one for one in told] == [True, False, True]
+    assert all("larger elements there" in one for one in told)
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Line, Node, node_at, pushing
 from softcal.mechanics.path_limits import PathWork
@@ -52,6 +53,7 @@ from softcal.mechanics.path_watch import path_watch
 from softcal.mechanics.snap_through import is_nearly_free, is_no_snap, settled, snapped, why_unlike
 from softcal.mechanics.state import State, difference, distance, moved
 from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import System
 from softcal.mechanics.term import Failing
 
 SMALLEST_STEP = 1e-4  # of the whole range: smallest step, at a limit point
@@ -62,10 +64,6 @@ LAST = 1.3  # of a step: the last one may be that long, so that it is not much s
 GROWTH, CUT = 2.0, 0.4  # of a step, after fast convergence, and after a failure
 CUTS = 1  # of a step, before relaxation by `settled`: Newton's method may converge in a shorter step
 SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: near square-root branches a part of it is a better guess
-ADVICE = (
-    "Try a plate where a force acts, or a via point with a radius, larger elements there, contact where surfaces meet, "
-    "or a law that stiffens in compression"
-)
 HALVINGS = 3  # of the distance between nodes, before a node between them is sought by small steps from the first
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
 
@@ -321,6 +319,13 @@ class _Continuation:
         return CLOSE * max(c - self.nodes[0].c, SMALLEST_STEP * self.whole)
 
 
+def _advice(system: System) -> str:
+    """What to try where elements fail first, of what the robot may have or lacks."""
+    pulled = "a plate where a force acts, or a via point with a radius, " if cables_of(system).names else ""
+    meeting = "" if system.contacts else "contact where surfaces meet, "
+    return f"Try {pulled}larger elements there, {meeting}or a law that stiffens in compression"
+
+
 def follow(  # noqa: PLR0913 (one keyword for each option)
     statics: Statics,
     line: Line,
@@ -382,7 +387,7 @@ def follow(  # noqa: PLR0913 (one keyword for each option)
             if status := way.advance():
                 # With the physical cause and the place, if there are such.
                 limit = statics.system.at_limit(way.last.state.x)
-                place = "" if way.failing is None else f"{statics.system.place(way.failing)}. {ADVICE}"
+                place = "" if way.failing is None else f"{statics.system.place(way.failing)}. {_advice(statics.system)}"
                 why = "; ".join(filter(None, (status, limit, place)))
                 return Path(tuple(way.nodes), False, why, names, way.is_cut)
             watch.tell(reached(way.last), statics.n_factorisations)

@@ -63,20 +63,18 @@ def gmres(
     guess
         Where the iteration begins (n, m); None: zero.
     """
+    x = np.zeros_like(b) if guess is None else guess
     z = precondition(b if guess is None else b - times(guess))
     goal = accuracy * np.linalg.norm(z if guess is None else guess, axis=0)
-    if guess is not None and np.all(np.linalg.norm(z, axis=0) <= goal):
-        return Solution(guess + z, True, 0, np.ones(1))
     first = cycle = _cycle(times, precondition, z, goal, most)
-    x, n = cycle.x if guess is None else guess + cycle.x, cycle.n_iterations
-    while cycle.converged and accuracy < PER_CYCLE:
+    x, n = x + cycle.x, cycle.n_iterations
+    more = bool(np.any(goal < PER_CYCLE * np.linalg.norm(z, axis=0)))
+    while cycle.converged and more:
         z = precondition(b - times(x))
-        n += 1
         goal = accuracy * np.linalg.norm(x, axis=0)
-        if np.all(np.linalg.norm(z, axis=0) <= goal):
-            return Solution(x + z, True, n, first.ritz)
-        cycle = _cycle(times, precondition, z, goal, max(most - n, 0))
-        x, n = x + cycle.x, n + cycle.n_iterations
+        more = bool(np.any(np.linalg.norm(z, axis=0) > goal))
+        cycle = _cycle(times, precondition, z, goal, max(most - n - 1, 0))
+        x, n = x + cycle.x, n + 1 + cycle.n_iterations
     return Solution(x, cycle.converged, n, first.ritz)
 
 
@@ -106,10 +104,10 @@ def _cycle(times: Map, precondition: Map, z: Floats, goal: Floats, most: int) ->
         if j >= FIRST and slow.any():
             needed = j * np.log(goal[slow] / beta[slow]) / np.minimum(np.log(residual[slow] / beta[slow]), -1e-3)
             ends = bool(SUPERLINEAR * needed.max() > most)
-    x = np.zeros_like(z)
+    n = y.shape[1]
+    x = np.zeros_like(z) if n else z  # small enough, it is about the error
     for v, part in zip(bases, y.T, strict=False):
         x += part * v
-    n = y.shape[1]
     return Solution(x, not np.any(residual > goal), n, np.linalg.eigvals(H[0, :n, :n]).real.astype(np.float64))
 
 

@@ -50,7 +50,7 @@ ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does n
 MOST = 12  # iterations of a step in all
 MANY = 6  # iterations: a step that needs more leaves a new factorisation to the next one
 KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
-DERIVATIVES = 1e-9  # relative error of dz/dcommand by a kept tangent
+DERIVATIVES = 1e-10  # relative error of dz/dcommand by a kept tangent
 BENT = 0.5  # of a step, by which at most a prediction is off the tangent; a kink is no polynomial
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 

@@ -2,7 +2,7 @@
 
 Every mesh is solved in a process of its own, whose peak memory is its own.
 
-python -m benchmarks.growth --calculix    CalculiX on the meshes that are too large for it in a run of all benchmarks: an
+python -m benchmarks.growth --calculix    CalculiX on the meshes that take it too long for a run of all benchmarks: an
                                           hour; keeps growth_calculix.json
 """
 

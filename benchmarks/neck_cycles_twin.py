@@ -79,7 +79,7 @@ class Compared:
 
 
 @cache
-def robot() -> Robot:
+def robot(contact: Contact | None = Contact()) -> Robot:  # noqa: B008 (frozen)
     """The neck of some 1000 quadratic tets with the material of examples/neck-bench/cycles.yaml; its grooves close, and
     its cable has no friction.
     """
@@ -87,7 +87,7 @@ def robot() -> Robot:
     mesh = SHAPE.mesh()
     body = replace(own.bodies[0], mesh=mesh, element="P2P1", fixed=mesh.node_sets["socket"])
     drawn = neck_robot(mesh, "P2P1", shape=SHAPE)
-    return with_parameters(replace(drawn, bodies=(body,), contact=Contact()), {"neck.poissons_ratio": POISSONS_RATIO})
+    return with_parameters(replace(drawn, bodies=(body,), contact=contact), {"neck.poissons_ratio": POISSONS_RATIO})
 
 
 def curve(target: Target) -> tuple[Floats, Floats]:
@@ -100,21 +100,26 @@ def curve(target: Target) -> tuple[Floats, Floats]:
     return d[inside], force[inside]
 
 
-def way() -> tuple[Floats, dict[Target, list[tuple[slice, slice]]]]:
-    """The travel [m] of the whole test, 20, 40, then 60 mm, and the rows of loading and unloading of its cycles."""
+def way(n_cycles: int = N_CYCLES, finer: int = 1) -> tuple[Floats, dict[Target, list[tuple[slice, slice]]]]:
+    """The travel [m] of the whole test, 20, 40, then 60 mm, and the rows of loading and unloading of its cycles,
+    `finer` times as many as those of the targets.
+    """
     parts, rows, last = [np.zeros(1)], dict[Target, list[tuple[slice, slice]]](), 0
     for target in TARGETS:
-        up, n = np.linspace(0.0, target.pull, target.rows + 1), target.rows
-        for _ in range(N_CYCLES):
+        n = finer * target.rows
+        up = np.linspace(0.0, target.pull, n + 1)
+        for _ in range(n_cycles):
             parts += [up[1:], up[-2::-1]]
             rows.setdefault(target, []).append((slice(last, last + n + 1), slice(last + n, last + 2 * n + 1)))
             last += 2 * n
     return np.concatenate(parts), rows
 
 
-def predict(values: Mapping[str, float], names: tuple[str, ...]) -> tuple[list[Compared], dict[float, Floats]]:
+def predict(
+    values: Mapping[str, float], names: tuple[str, ...], n_cycles: int = N_CYCLES, finer: int = 1
+) -> tuple[list[Compared], dict[float, Floats]]:
     """All compared values at constants of the material [SI by name] and the slack [m], with derivatives by `names`;
-    and the twin's force [N] along the way by speed.
+    and the twin's force [N] along the way by speed. n_cycles, finer: see `way`.
 
     Raises
     ------
@@ -123,7 +128,7 @@ def predict(values: Mapping[str, float], names: tuple[str, ...]) -> tuple[list[C
     """
     constants = {f"neck.{name}": value for name, value in values.items() if name != SLACK}
     by = [name if name == SLACK else f"neck.{name}" for name in names]
-    d, cycles = way()
+    d, cycles = way(n_cycles, finer)
     found, forces = list[Compared](), dict[float, Floats]()
     for speed in SPEEDS:
         time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(d))) / speed])
@@ -139,6 +144,20 @@ def predict(values: Mapping[str, float], names: tuple[str, ...]) -> tuple[list[C
             if speed == CURVES_AT:
                 found += [_curve(target, *held[-1], d, force, slopes), _peak(target, held[0][0], force, slopes)]
     return found, forces
+
+
+def part_of_contact(values: Mapping[str, float]) -> tuple[float, float]:
+    """Where the grooves close on the way to 60 mm at 15 mm/s, and the share [-] of the tension at 58 mm that is due to
+    contact: the first travel [m] at which it changes the tension by a thousandth.
+    """
+    d = np.linspace(0.0, TARGETS[-1].pull, 61)
+    pull = Protocol({"front": Command("shortening", d - values[SLACK])}, d / CURVES_AT)
+    constants = {f"neck.{name}": value for name, value in values.items() if name != SLACK}
+    touching, free = (
+        simulate(robot(contact), pull, constants, crossings=False).channels[TENSION] for contact in (Contact(), None)
+    )
+    share = 1.0 - free / np.where(touching > 0.0, touching, np.inf)
+    return float(d[np.abs(share) > 1e-3][0]), float(np.interp(0.058, d, share))
 
 
 def _loop(target: Target, speed: float, up: slice, down: slice, d: Floats, force: Floats, slopes: Floats) -> Compared:

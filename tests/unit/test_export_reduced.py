@@ -460,6 +460,8 @@ def test_a_reach_in_length_ends_there() -> None:
         ({"plate.mass": Span(0.1, 0.2, "kg")}, None, "the range must contain the robot's own value"),
         ({"plate.mass": Span(-0.1, 0.2, "kg")}, None, "the mass is out of range"),
         ({"front": Span(0.0, 1.0, "N")}, 3, "there are too few samples"),
+        ({"front": Span(0.0, 1.0, "N")}, 0, "there are too few samples; got 0; allowed: 10 to 20000 samples"),
+        ({"front": Span(0.0, 1.0, "N")}, 10**9, "there are too many samples"),
         ({"front": Span(0.0, 1.0, "Pa")}, None, "this is no range of the actuator"),
         ({"front": Span(0.0, 0.5, "m")}, None, "front"),
     ],

@@ -442,6 +442,36 @@ def test_the_inverse_has_the_models_channels_alone(read: ReducedModel) -> None:
         read.inverse({"plate.rx": 0.0})
 
 
+def test_values_that_are_no_numbers_are_refused_and_change_nothing(loaded: ReducedModel) -> None:
+    """A place that a camera lost, or a goal of nan, must not become a command."""
+    nan = float("nan")
+    for targets, weights, told in (
+        ({"plate.x": nan}, {}, "plate.x: nan is no finite number"),
+        ({}, {}, "no channel"),
+        ({"plate.x": 0.0}, {"plate.z": 1.0}, "The model has no target 'plate.z'; it has plate.x"),
+        ({"plate.x": 0.0}, {"plate.x": 0.0}, "positive"),
+        ({"plate.x": 0.0}, {"plate.x": nan}, "positive"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            loaded.inverse(targets, weights=weights)
+    estimate = KalmanFilter(loaded, {"plate.mass": 0.1}, {"plate.mass": 0.02})
+    for commands, measured, noise, told in (
+        ({"front": 1.0}, {"plate.x": nan}, {"plate.x": 1e-4}, "plate.x: nan is no finite number"),
+        ({"front": 1.0}, {"plate.x": 0.01}, {}, "The noise of plate.x is missing"),
+        ({"plate.mass": 0.2}, {"plate.x": 0.01}, {"plate.x": 1e-4}, "plate.mass: this is estimated"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            estimate.update(commands, measured, noise)
+    assert estimate.mean == pytest.approx([0.1])
+    with pytest.raises(ValueError, match=r"The deviation of plate\.mass is missing"):
+        KalmanFilter(loaded, {"plate.mass": 0.1}, {})
+
+
+def test_inputs_that_change_nothing_make_no_model() -> None:
+    with pytest.raises(ParameterError, match="no output changes with the inputs"):
+        reduced(replace(ROBOT, gravity=np.zeros(3)), {"plate.mass": Span(0.0, 0.1, "kg")}, 10)
+
+
 def test_a_reach_in_length_ends_there() -> None:
     read = evaluator_of(reduced(ROBOT, {"front": Span(0.0, 0.02, "m")}, 16).model)
     at_end = read.state({"front": float(read.most[0])})

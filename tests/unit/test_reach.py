@@ -271,6 +271,8 @@ def test_python_refuses_what_the_command_line_does(project: Path) -> None:
         ({"plate.x": [0.0, 0.001]}, {"times": [1.0]}, "1 times"),
         ({"plate.x": 0.001}, {"weights": {"x": -1.0}}, "this must be positive"),
         ({"plate.x": 0.001}, {"limits": {"front.tension": (0.0, float("nan"))}}, "not a number|limits"),
+        ({"plate.x": 0.001}, {"limits": {"tension": (float("inf"), float("inf"))}}, "the limits contradict each other"),
+        ({"plate.x": 0.001}, {"controls": {}}, "controls: no actuator is commanded; got none; allowed: .*front"),
         ({"plate.x": 0.001}, {"out": "somewhere"}, "a folder needs a project, not a robot alone"),
         ({"plate.x": 0.001}, {"controls": {"nothing": "tension"}}, "nothing"),
     ):

@@ -177,7 +177,8 @@ def reduced(
     Raises
     ------
     ParameterError
-        With all faults: an unknown input, an empty range, a robot with a memory, too few or too many samples.
+        With all faults: an unknown input, an empty range, a robot with a memory, too few or too many samples; where no
+        output changes with the inputs.
     SimulationError
         Where a state within the ranges has no equilibrium.
     """
@@ -731,6 +732,8 @@ def _best_terms(sampled: Sampled, change: Floats) -> tuple[Floats, Ints]:
     kept, out = sampled.take(np.flatnonzero(~is_out)), sampled.take(np.flatnonzero(is_out))
     slopes = (sampled.rates * sampled.half[:, None] / change).transpose(1, 0, 2).reshape(n_inputs, -1)
     squares, vectors = np.linalg.eigh(slopes @ slopes.T)
+    if not squares[-1] > 0.0:
+        raise ParameterError(Fault("no output changes with the inputs", "inputs", attempt="others, or gravity"))
     size = np.abs(vectors).sum(axis=0)
     strength = np.sqrt(np.maximum(squares, 1e-16 * squares.max())) * size
     order = np.argsort(-strength)

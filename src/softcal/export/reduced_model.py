@@ -91,9 +91,13 @@ class ReducedModel:
         dict
             `commands`; `misses`, channel less target; and `limits`, the commands at an end of their range.
         """
+        wanted = _finite(targets)
         read = self._read([self.number(name, self.channels, "channel") for name in targets])
-        wanted = np.array(list(targets.values()), dtype=float)
-        weight = np.array([(weights or {}).get(name, 0.1 if turn else 1.0) for name, turn in zip(targets, read[-1])])
+        weight = np.where(read[-1], 0.1, 1.0)
+        for name, value in (weights or {}).items():
+            weight[self.number(name, list(targets), "target")] = value
+        if not np.all((weight > 0.0) & np.isfinite(weight)):
+            raise ValueError("A weight is a positive number.")
         at, free = self._at({**(inputs or {}), **(start or {})}), np.flatnonzero(self.is_command)
         scale, least, most = self._half[free], self.least[free], self.most[free]
         r, by = self._differences(at, read, wanted, weight)
@@ -253,6 +257,8 @@ class KalmanFilter:
         self.model, self.names = model, list(values)
         self._columns = [model.number(name, model.inputs, "input") for name in self.names]
         self.mean = np.array([values[name] for name in self.names], dtype=float)
+        if missing := [name for name in self.names if name not in deviations]:
+            raise ValueError(f"The deviation of {', '.join(missing)} is missing.")
         self.covariance = np.diag([float(deviations[name]) ** 2 for name in self.names])
         self._drift = np.diag([float((drifts or {}).get(name, 0.0)) ** 2 for name in self.names])
 
@@ -276,8 +282,12 @@ class KalmanFilter:
             The squared innovation over its covariance, of a consistent filter chi squared, and its degrees of freedom.
         """
         least, most = self.model.least[self._columns], self.model.most[self._columns]
+        if twice := [name for name in self.names if name in commands]:
+            raise ValueError(f"{', '.join(twice)}: this is estimated, and is no command.")
+        if missing := [name for name in measured if name not in noise]:
+            raise ValueError(f"The noise of {', '.join(missing)} is missing.")
         R = np.diag([float(noise[name]) ** 2 for name in measured])
-        P, y = self.covariance + self._drift, np.array(list(measured.values()))
+        P, y = self.covariance + self._drift, _finite(measured)
         before = now = np.minimum(np.maximum(self.mean, least), most)
         squares: list[float] = []
         while True:  # linearised anew at the estimate: the first one may be far off
@@ -295,6 +305,16 @@ class KalmanFilter:
         kept = np.eye(len(P)) - gain @ H
         self.mean, self.covariance = now, kept @ P @ kept.T + gain @ R @ gain.T
         return squares[0], len(y)
+
+
+def _finite(values: "dict[str, float]") -> np.ndarray:
+    """The values, one or more finite numbers; a ValueError where they are not."""
+    if not values:
+        raise ValueError("There is no channel.")
+    for name, value in values.items():
+        if not np.isfinite(value):
+            raise ValueError(f"{name}: {value} is no finite number.")
+    return np.array(list(values.values()), dtype=float)
 
 
 def _step(A: np.ndarray, r: np.ndarray, least: np.ndarray, most: np.ndarray, damping: float) -> np.ndarray:

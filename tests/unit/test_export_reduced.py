@@ -442,6 +442,23 @@ def test_the_inverse_has_the_models_channels_alone(read: ReducedModel) -> None:
         read.inverse({"plate.rx": 0.0})
 
 
+@pytest.mark.parametrize("begin", [(-1.9, 3.0), (-1.0, -1.0), (0.0, 0.0), (-2.0, 0.5)])
+def test_the_inverse_follows_a_curved_valley_to_its_end(begin: tuple[float, float]) -> None:
+    """Rosenbrock's: x = 10 (b - a^2) and y = 0.03 a, as two places that nearly depend on each other."""
+    ends = {"a": (-2.0, 2.0), "b": (-1.0, 3.0)}
+    inputs = [
+        {"name": name, "unit": "N", "least": low, "most": high, "default": 0.0, "control": "tension"}
+        for name, (low, high) in ends.items()
+    ]
+    valley = {
+        "inputs": inputs, "plates": [], "coordinates": [], "markers": ["p"], "rows": ["p.x", "p.y", "p.z"],
+        "directions": [[1.0, 0.0], [0.0, 1.0]], "powers": [[0, 0], [1, 0], [0, 1], [2, 0]], "bands": None, "error": {},
+        "coefficients": [[-10.0, 0.0, 0.0], [0.0, 0.06, 0.0], [20.0, 0.0, 0.0], [-20.0, 0.0, 0.0]],
+    }  # fmt: skip
+    found = evaluator_of(valley).inverse({"p.x": 0.0, "p.y": 0.03}, start=dict(zip("ab", begin, strict=True)))
+    assert found["commands"] == pytest.approx({"a": 1.0, "b": 1.0}, abs=1e-5)
+
+
 def test_values_that_are_no_numbers_are_refused_and_change_nothing(loaded: ReducedModel) -> None:
     """A place that a camera lost, or a goal of nan, must not become a command."""
     nan = float("nan")

@@ -101,17 +101,22 @@ class ReducedModel:
         at, free = self._at({**(inputs or {}), **(start or {})}), np.flatnonzero(self.is_command)
         scale, least, most = self._half[free], self.least[free], self.most[free]
         r, by = self._differences(at, read, wanted, weight)
-        damping = 0.0
-        for _ in range(60):
-            step = _step(by[free].T * scale, r, (least - at[free]) / scale, (most - at[free]) / scale, damping)
+        damping, growth = 0.0, 10.0
+        for _ in range(200):  # as a rule five; some hundred along a curved valley
+            A = by[free].T * scale
+            step = _step(A, r, (least - at[free]) / scale, (most - at[free]) / scale, damping)
             ahead = at.copy()
             ahead[free] = np.minimum(np.maximum(at[free] + scale * step, least), most)
             r_ahead, by_ahead = self._differences(ahead, read, wanted, weight)
             is_end = np.abs(step).max(initial=0.0) <= 1e-6  # the error after it is of the order of its square
-            if r_ahead @ r_ahead <= r @ r:
-                at, r, by, damping = ahead, r_ahead, by_ahead, 0.1 * damping if damping > 1e-9 else 0.0
+            before, after = float(r @ r), float(r_ahead @ r_ahead)
+            predicted, gain = before - float(np.sum((r + A @ step) ** 2)), before - after
+            if gain >= 0.0:
+                at, r, by, growth = ahead, r_ahead, by_ahead, 2.0
+                share = 2.0 * min(gain / predicted, 1.0) - 1.0 if predicted > 0.0 else 1.0
+                damping = damping * max(0.1, 1.0 - share**3) if damping > 1e-9 else 0.0  # of Nielsen
             elif damping < 1e6:
-                damping = max(10.0 * damping, 1e-4)
+                damping, growth = max(growth * damping, 1e-6), 2.0 * growth
             if is_end:
                 break
         ends = (at <= self.least) | (at >= self.most)

@@ -464,7 +464,7 @@ def test_values_that_are_no_numbers_are_refused_and_change_nothing(loaded: Reduc
     nan = float("nan")
     for targets, weights, told in (
         ({"plate.x": nan}, {}, "plate.x: nan is no finite number"),
-        ({}, {}, "no channel"),
+        ({}, {}, "no target"),
         ({"plate.x": 0.0}, {"plate.z": 1.0}, "The model has no target 'plate.z'; it has plate.x"),
         ({"plate.x": 0.0}, {"plate.x": 0.0}, "positive"),
         ({"plate.x": 0.0}, {"plate.x": nan}, "positive"),
@@ -479,6 +479,7 @@ def test_values_that_are_no_numbers_are_refused_and_change_nothing(loaded: Reduc
     ):
         with pytest.raises(ValueError, match=told):
             estimate.update(commands, measured, noise)
+    assert estimate.update({"front": 1.0}, {}, {}) == (0.0, 0)
     assert estimate.mean == pytest.approx([0.1])
     with pytest.raises(ValueError, match=r"The deviation of plate\.mass is missing"):
         KalmanFilter(loaded, {"plate.mass": 0.1}, {})

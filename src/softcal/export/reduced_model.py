@@ -91,6 +91,8 @@ class ReducedModel:
         dict
             `commands`; `misses`, channel less target; and `limits`, the commands at an end of their range.
         """
+        if not targets:
+            raise ValueError("There is no target.")
         wanted = _finite(targets)
         read = self._read([self.number(name, self.channels, "channel") for name in targets])
         weight = np.where(read[-1], 0.1, 1.0)
@@ -313,9 +315,7 @@ class KalmanFilter:
 
 
 def _finite(values: "dict[str, float]") -> np.ndarray:
-    """The values, one or more finite numbers; a ValueError where they are not."""
-    if not values:
-        raise ValueError("There is no channel.")
+    """The values; a ValueError where one is no finite number."""
     for name, value in values.items():
         if not np.isfinite(value):
             raise ValueError(f"{name}: {value} is no finite number.")

@@ -442,6 +442,54 @@ def test_the_inverse_has_the_models_channels_alone(read: ReducedModel) -> None:
         read.inverse({"plate.rx": 0.0})
 
 
+@pytest.mark.parametrize("begin", [(-1.9, 3.0), (-1.0, -1.0), (0.0, 0.0), (-2.0, 0.5)])
+def test_the_inverse_follows_a_curved_valley_to_its_end(begin: tuple[float, float]) -> None:
+    """Rosenbrock's: x = 10 (b - a^2) and y = 0.03 a, as two places that nearly depend on each other."""
+    ends = {"a": (-2.0, 2.0), "b": (-1.0, 3.0)}
+    inputs = [
+        {"name": name, "unit": "N", "least": low, "most": high, "default": 0.0, "control": "tension"}
+        for name, (low, high) in ends.items()
+    ]
+    valley = {
+        "inputs": inputs, "plates": [], "coordinates": [], "markers": ["p"], "rows": ["p.x", "p.y", "p.z"],
+        "directions": [[1.0, 0.0], [0.0, 1.0]], "powers": [[0, 0], [1, 0], [0, 1], [2, 0]], "bands": None, "error": {},
+        "coefficients": [[-10.0, 0.0, 0.0], [0.0, 0.06, 0.0], [20.0, 0.0, 0.0], [-20.0, 0.0, 0.0]],
+    }  # fmt: skip
+    found = evaluator_of(valley).inverse({"p.x": 0.0, "p.y": 0.03}, start=dict(zip("ab", begin, strict=True)))
+    assert found["commands"] == pytest.approx({"a": 1.0, "b": 1.0}, abs=1e-5)
+
+
+def test_values_that_are_no_numbers_are_refused_and_change_nothing(loaded: ReducedModel) -> None:
+    """A place that a camera lost, or a goal of nan, must not become a command."""
+    nan = float("nan")
+    for targets, weights, told in (
+        ({"plate.x": nan}, {}, "plate.x: nan is no finite number"),
+        ({}, {}, "no target"),
+        ({"plate.x": 0.0}, {"plate.z": 1.0}, "The model has no target 'plate.z'; it has plate.x"),
+        ({"plate.x": 0.0}, {"plate.x": 0.0}, "positive"),
+        ({"plate.x": 0.0}, {"plate.x": nan}, "positive"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            loaded.inverse(targets, weights=weights)
+    estimate = KalmanFilter(loaded, {"plate.mass": 0.1}, {"plate.mass": 0.02})
+    for commands, measured, noise, told in (
+        ({"front": 1.0}, {"plate.x": nan}, {"plate.x": 1e-4}, "plate.x: nan is no finite number"),
+        ({"front": 1.0}, {"plate.x": 0.01}, {}, "The noise of plate.x is missing"),
+        ({"plate.mass": 0.2}, {"plate.x": 0.01}, {"plate.x": 1e-4}, "plate.mass: this is estimated"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            estimate.update(commands, measured, noise)
+    assert estimate.update({"front": 1.0}, {}, {}) == (0.0, 0)
+    assert estimate.mean == pytest.approx([0.1])
+    with pytest.raises(ValueError, match=r"The deviation of plate\.mass is missing"):
+        KalmanFilter(loaded, {"plate.mass": 0.1}, {})
+
+
+def test_inputs_that_change_nothing_make_no_model() -> None:
+    with pytest.raises(ParameterError, match="no output changes with the inputs"):
+        reduced(replace(ROBOT, gravity=np.zeros(3)), {"plate.mass": Span(0.0, 0.1, "kg")}, 10)
+
+
 def test_a_reach_in_length_ends_there() -> None:
     read = evaluator_of(reduced(ROBOT, {"front": Span(0.0, 0.02, "m")}, 16).model)
     at_end = read.state({"front": float(read.most[0])})
@@ -460,6 +508,8 @@ def test_a_reach_in_length_ends_there() -> None:
         ({"plate.mass": Span(0.1, 0.2, "kg")}, None, "the range must contain the robot's own value"),
         ({"plate.mass": Span(-0.1, 0.2, "kg")}, None, "the mass is out of range"),
         ({"front": Span(0.0, 1.0, "N")}, 3, "there are too few samples"),
+        ({"front": Span(0.0, 1.0, "N")}, 0, "there are too few samples; got 0; allowed: 10 to 20000 samples"),
+        ({"front": Span(0.0, 1.0, "N")}, 10**9, "there are too many samples"),
         ({"front": Span(0.0, 1.0, "Pa")}, None, "this is no range of the actuator"),
         ({"front": Span(0.0, 0.5, "m")}, None, "front"),
     ],

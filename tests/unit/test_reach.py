@@ -250,6 +250,16 @@ def test_a_table_of_commands_has_one_for_each_cable(
     assert (code, "exclude each other" in error) == (2, True)
 
 
+def test_two_targets_may_have_one_time(project: Path) -> None:
+    """Without rates they are one after the other; with one, the second cannot move."""
+    wanted = {"plate.pitch": np.radians([2.0, 3.0])}
+    steps = softcal.reach(project, wanted, times=[0.0, 0.0]).steps
+    assert [step.outcome for step in steps] == ["reached", "reached"]
+    held = softcal.reach(project, wanted, times=[0.0, 0.0], rates={"tension": 1.0}).steps[1]
+    assert held.outcome == "nearest"
+    assert held.commands == pytest.approx(steps[0].commands)
+
+
 def test_python_refuses_what_the_command_line_does(project: Path) -> None:
     robot = softcal.load(project).robot
     for targets, options, told in (
@@ -261,6 +271,8 @@ def test_python_refuses_what_the_command_line_does(project: Path) -> None:
         ({"plate.x": [0.0, 0.001]}, {"times": [1.0]}, "1 times"),
         ({"plate.x": 0.001}, {"weights": {"x": -1.0}}, "this must be positive"),
         ({"plate.x": 0.001}, {"limits": {"front.tension": (0.0, float("nan"))}}, "not a number|limits"),
+        ({"plate.x": 0.001}, {"limits": {"tension": (float("inf"), float("inf"))}}, "the limits contradict each other"),
+        ({"plate.x": 0.001}, {"controls": {}}, "controls: no actuator is commanded; got none; allowed: .*front"),
         ({"plate.x": 0.001}, {"out": "somewhere"}, "a folder needs a project, not a robot alone"),
         ({"plate.x": 0.001}, {"controls": {"nothing": "tension"}}, "nothing"),
     ):

@@ -17,7 +17,7 @@ from softcal.geometry.centreline import straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.obstacle import BoxObstacle, HalfSpace, Obstacle, SphereObstacle
 from softcal.geometry.primitives import box_mesh
-from softcal.geometry.section import RectangularBar
+from softcal.geometry.section import RectangularBar, RoundBar
 from softcal.geometry.surface import boundary_faces
 from softcal.twin.barrier import Contact
 from softcal.twin.live import LiveTwin
@@ -133,6 +133,44 @@ def test_two_targets_of_one_cable_are_answered_by_the_nearest_state_without_a_li
     assert step.gradient < 1e-3
     assert not step.active
     assert 0.0 < np.hypot(*step.misses.values()) < 0.003
+
+
+def three_discs() -> Robot:
+    """Three discs on a slender rod, with three cables to the upper disc and three to the one below."""
+    height, at = 0.06, range(4)
+    discs = [Plate(f"d{i}", {}, (0.0, 0.0, i * height), mass=0.012, fixed=i == 0) for i in at]
+    rods = [
+        Rod(
+            f"r{i}",
+            straight((0.0, 0.0, (i - 1) * height), (0.0, 0.0, i * height), 6),
+            RoundBar(0.003),
+            {"youngs_modulus": 1.2e9, "poissons_ratio": 0.38},
+            clamped={f"d{i - 1}": np.array([0]), f"d{i}": np.array([6])},
+            density=1200.0,
+        )
+        for i in at[1:]
+    ]
+    cables = []
+    for k in range(6):
+        angle = 2.0 * np.pi * k / 3.0 + (np.pi / 3.0 if k >= 3 else 0.0)
+        hole = 0.02 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        via = [ViaPoint(hole + np.array([0.0, 0.0, i * height]), f"d{i}") for i in range(1, 4 if k < 3 else 3)]
+        cables.append(Cable(f"c{k + 1}", (ViaPoint(hole - np.array([0.0, 0.0, 0.01])), *via), pulled_end="first"))
+    return Robot(plates=tuple(discs), rods=tuple(rods), cables=tuple(cables), gravity=(0.0, 0.0, -9.81))
+
+
+def test_two_places_that_nearly_depend_on_each_other_are_reached() -> None:
+    """The height of an inextensible rod's tip follows from its deflection but for an S-shape: a curved valley."""
+    step = softcal.reach(three_discs(), {"d3.y": 0.10954, "d3.z": 0.13365}, limits={"tension": (0.0, 1.2)}).steps[0]
+    assert step.outcome == "reached", step.status
+
+
+def test_a_search_that_ends_by_its_steps_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("softcal.analysis.reach.STEPS", 1)
+    step = softcal.reach(TENTACLE, {"tip.x": 0.04}).steps[0]
+    assert step.outcome == "refused"
+    assert "The way ends there: the search still came closer" in step.status
+    assert "derivatives jump" not in step.status
 
 
 def test_limits_that_no_commands_keep_are_a_failure_with_a_reason() -> None:

@@ -19,7 +19,9 @@ robot's extent, or of one radian. Each problem is solved exactly by an active se
 
 *Curvature.* Near a target that cannot be reached r stays, and Gauss-Newton alone would creep. The part of the Hessian
 that it leaves out, S = sum r_k d2 r_k, is updated from the change of A^T r (structured symmetric rank one), and used
-where A^T A + S is positive definite.
+where A^T A + S is positive definite; with its eigenvalues' sizes where it is not and a step has failed, as in the
+curved valley of two targets that all but one actuators move in the same ratio. What S then needs of the null space of A
+is no longer free for (2).
 
 *Control of the step* (`_Search.descended`). Merit |r|^2 / 2 + nu V, with the sum V of the violations and nu above the
 multipliers. Where a step lowers it by less than a small share of what is predicted, or the twin finds no equilibrium
@@ -83,6 +85,7 @@ STATIONARY = 1e-3  # of the gradient of the residual: a smaller remainder counts
 NO_EFFECT = 1e-7  # of the largest singular value: a smaller one is a direction without effect on the targets
 UNSTABLE = "the robot buckles or snaps to another equilibrium."
 KINK = "the derivatives jump there, as where friction reverses or a cable becomes slack, and no step comes closer."
+UNFINISHED = f"the search still came closer after {STEPS} steps."
 ELSEWHERE = "The last commands do not lead there: the robot has another equilibrium, and an instability is between."
 TOUCH = TOLERANCES["m"]  # tolerance of the distance from an obstacle
 ON_THE_WAY, BISECTIONS = 15, 10  # states on the way to the commands; of the commands between which it ends
@@ -392,8 +395,7 @@ class _Linear:
     @cached_property
     def free(self) -> Floats:
         """The directions without effect on the targets (m, k)."""
-        _, size, across = np.linalg.svd(self.moving)
-        return across[int(np.sum(size > max(NO_EFFECT * size.max(initial=0.0), 1e-3))) :].T
+        return _without_effect(self.moving)
 
     @property
     def violation(self) -> float:
@@ -433,7 +435,10 @@ class _Search:
         self.coordinate = np.array([self.number[f"{one.name}.{one.coordinate}"] for one in self.actuators])
         self.command = np.where(self.by_coordinate, self.coordinate, self.effort)
         last = self.last = _Point(task, self.before, np.zeros(0), np.zeros(0)).values
-        change = task.rates * elapsed if np.isfinite(elapsed) else np.full(len(last), np.inf)
+        change = np.full(len(last), np.inf)
+        if np.isfinite(elapsed):
+            limited = np.isfinite(task.rates)
+            change[limited] = task.rates[limited] * elapsed
         self.lower, self.upper = np.maximum(task.lower, last - change), np.minimum(task.upper, last + change)
         least = np.array([one.least_effort for one in self.actuators])
         self.least = least
@@ -442,6 +447,7 @@ class _Search:
         self.reference = np.zeros(len(last)) if task.prefer == "effort" else last
         self.fond_scale = np.zeros(0)  # of the first point
         self.barrier: _Barrier | None = None
+        self.is_unfinished = False
         self.n_states, self.n_derivatives = 0, 0
         self.shares: tuple[float, ...] = ()
         size = {"m": live.extent, "rad": 1.0}
@@ -455,14 +461,14 @@ class _Search:
         SimulationError
             Where no commands keep the limits.
         """
-        best: tuple[tuple[bool, float], _Point, _Barrier | None] | None = None
+        best: tuple[tuple[bool, float], _Point, _Barrier | None, bool] | None = None
         for start in self.starts():
             barrier, self.barrier = self.barrier, None
             end = self.descended(start)
             cost, told = self.cost(end), self.barrier
             self.barrier = barrier or told
             if best is None or cost < best[0]:
-                best = cost, end, told
+                best = cost, end, told, self.is_unfinished
             if self.only_from_here or self.is_reached(end):
                 break
         if best is None or best[0][0]:
@@ -472,7 +478,7 @@ class _Search:
                     why = f"no way that was tried keeps out of {near.obstacles[int(np.argmin(near.values))]}"
             why = self.barrier.why if self.barrier else why
             raise SimulationError(f"No commands within the limits were found: {why.rstrip('.')}.")
-        self.barrier = best[2] or self.barrier
+        self.barrier, self.is_unfinished = best[2] or self.barrier, best[3]
         end = best[1] if self.only_from_here else self.preferred(best[1])
         share, passed = self.passed(end)
         for _ in range(DETOURS):
@@ -628,14 +634,18 @@ class _Search:
         violated = gaps > 0.0
         back, _ = _least(rows[violated], gaps[violated], rows[~violated], gaps[~violated])
         gaps = np.minimum(gaps - rows @ back, 0.0)
-        root, pull = at.moving, -at.error - at.moving @ back
+        root, pull, free = at.moving, -at.error - at.moving @ back, at.free
         if curvature.any():
             values, across = np.linalg.eigh(root.T @ root + curvature)
-            if values.min() > 1e-8 * values.max():
+            is_definite = values.min() > 1e-8 * values.max()
+            if is_definite or size < FIRST:
+                values = np.abs(values)
+                kept = values > 1e-8 * values.max()
+                values, across = values[kept], across[:, kept]
                 root = np.sqrt(values)[:, None] * across.T
                 pull = -(across.T @ at.moving.T @ at.error) / np.sqrt(values) - root @ back
+                free = _without_effect(np.concatenate([at.moving, root]))
         first, multipliers = _least(root, pull, rows, gaps)
-        free = at.free
         if free.shape[1]:
             off = at.off + at.fond @ (back + first)
             first = first + free @ _least(at.fond @ free, -off, rows @ free, gaps - rows @ first)[0]
@@ -645,6 +655,7 @@ class _Search:
         """The end of the search for (1) from a point."""
         size, price, at = FIRST, 0.0, self.linear(here)
         curvature = np.zeros((len(at.scale),) * 2)  # in the unknowns themselves
+        self.is_unfinished = False
         for _ in range(STEPS):
             if self.is_reached(here, CLOSE) or size < SMALLEST:
                 break
@@ -674,6 +685,8 @@ class _Search:
             after = self.linear(there)
             curvature = self.updated(curvature, at, after, here, there, error)
             here, at = there, after
+        else:
+            self.is_unfinished = True
         return here
 
     def updated(
@@ -744,7 +757,7 @@ class _Search:
             state = live.return_to(self.before)
             reached, values = _Point(self.task, state, end.unknowns, end.released), self.last[self.command]
         elif residual > STATIONARY and not self.is_reached(reached):
-            why = f"The way ends there: {barrier.why if barrier else KINK}"
+            why = f"The way ends there: {barrier.why if barrier else UNFINISHED if self.is_unfinished else KINK}"
         off = self.told(reached)
         if not why and self.is_reached(reached):
             outcome, told = "reached", f"Reached: {off}."
@@ -862,6 +875,12 @@ def why_ended(state: LiveState) -> str:
     except SimulationError as error:
         return str(error)
     return state.crossed if is_stable else UNSTABLE if state.succeeded else state.status
+
+
+def _without_effect(A: Floats) -> Floats:
+    """The null space of A (n, m), in errors per unknown: (m, k)."""
+    _, size, across = np.linalg.svd(A)
+    return across[int(np.sum(size > max(NO_EFFECT * size.max(initial=0.0), 1e-3))) :].T
 
 
 def _least(A: Floats, b: Floats, rows: Floats, gaps: Floats) -> tuple[Floats, Floats]:

@@ -40,7 +40,7 @@ from itertools import product
 
 import numpy as np
 
-from softcal.analysis.reach import KINK, ReachTask, reach_from, why_ended
+from softcal.analysis.reach import KINK, UNFINISHED, ReachTask, reach_from, why_ended
 from softcal.checks import Floats, Ints
 from softcal.declare import Checked
 from softcal.display import displayed
@@ -460,7 +460,7 @@ class _Border:
                 limits = (end.why.removeprefix("The way ends there: ").rstrip("."),)
             if end.outcome != "reached":
                 break
-        is_fold = not limits or KINK.rstrip(".") in limits
+        is_fold = not limits or any(one.rstrip(".") in limits for one in (KINK, UNFINISHED))
         if is_fold and self.mobility(state)[-1] <= SINGULAR * self.widest:
             limits = (FOLD,)
         return self.described(state, limits)

@@ -21,7 +21,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from softcal.export import reduced_model as evaluator
 from softcal.export.engine import history_faults
 from softcal.export.reduced_c import c_source
 from softcal.export.rotations import align, angle_between, quaternions, rotation_rates
+from softcal.limits import LIMITS
 from softcal.sensing.kind import ChannelKind
 from softcal.twin.actuated import ActuatedPart
 from softcal.twin.parameters import robot_parameters
@@ -47,6 +48,7 @@ POSE = 7  # numbers of a plate: position, quaternion
 SAMPLES = 64  # equilibria for each input, by default
 TESTED, SEED = 100, 0  # random states at which the error is measured
 LEFT_OUT = 5  # of the samples every fifth chooses the degree
+N_SAMPLES = replace(LIMITS["samples"], least=2 * LEFT_OUT, most=20_000)  # the order of n is found in n^2 steps
 PATH = 33  # steps of a coordinate along which the effort must be monotonic
 MOST_TERMS, MOST_DEGREE = 1500, 30
 DETERMINED = 2.0  # numbers of the twin for each coefficient, at least
@@ -175,14 +177,15 @@ def reduced(
     Raises
     ------
     ParameterError
-        With all faults: an unknown input, an empty range, a robot with a memory, too few samples.
+        With all faults: an unknown input, an empty range, a robot with a memory, too few or too many samples; where no
+        output changes with the inputs.
     SimulationError
         Where a state within the ranges has no equilibrium.
     """
     inputs = _inputs(robot, spans)
-    n = samples or SAMPLES * len(inputs)
-    if n < 2 * LEFT_OUT:
-        raise ParameterError(Fault("there are too few samples", "samples", str(samples), f"{2 * LEFT_OUT} or more"))
+    n = SAMPLES * len(inputs) if samples is None else samples
+    if fault := N_SAMPLES.fault(n, "samples"):
+        raise ParameterError(fault)
     sampled = Sampled.at(robot, inputs, _scattered(len(inputs), n), tell, bands, shapes=shapes)
     outputs = _Outputs.of(robot)
     directions, powers = _best_terms(sampled, outputs.changes(sampled.values))
@@ -729,6 +732,8 @@ def _best_terms(sampled: Sampled, change: Floats) -> tuple[Floats, Ints]:
     kept, out = sampled.take(np.flatnonzero(~is_out)), sampled.take(np.flatnonzero(is_out))
     slopes = (sampled.rates * sampled.half[:, None] / change).transpose(1, 0, 2).reshape(n_inputs, -1)
     squares, vectors = np.linalg.eigh(slopes @ slopes.T)
+    if not squares[-1] > 0.0:
+        raise ParameterError(Fault("no output changes with the inputs", "inputs", attempt="others, or gravity"))
     size = np.abs(vectors).sum(axis=0)
     strength = np.sqrt(np.maximum(squares, 1e-16 * squares.max())) * size
     order = np.argsort(-strength)

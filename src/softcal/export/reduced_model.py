@@ -91,23 +91,34 @@ class ReducedModel:
         dict
             `commands`; `misses`, channel less target; and `limits`, the commands at an end of their range.
         """
+        if not targets:
+            raise ValueError("There is no target.")
+        wanted = _finite(targets)
         read = self._read([self.number(name, self.channels, "channel") for name in targets])
-        wanted = np.array(list(targets.values()), dtype=float)
-        weight = np.array([(weights or {}).get(name, 0.1 if turn else 1.0) for name, turn in zip(targets, read[-1])])
+        weight = np.where(read[-1], 0.1, 1.0)
+        for name, value in (weights or {}).items():
+            weight[self.number(name, list(targets), "target")] = value
+        if not np.all((weight > 0.0) & np.isfinite(weight)):
+            raise ValueError("A weight is a positive number.")
         at, free = self._at({**(inputs or {}), **(start or {})}), np.flatnonzero(self.is_command)
         scale, least, most = self._half[free], self.least[free], self.most[free]
         r, by = self._differences(at, read, wanted, weight)
-        damping = 0.0
-        for _ in range(60):
-            step = _step(by[free].T * scale, r, (least - at[free]) / scale, (most - at[free]) / scale, damping)
+        damping, growth = 0.0, 10.0
+        for _ in range(200):  # as a rule five; some hundred along a curved valley
+            A = by[free].T * scale
+            step = _step(A, r, (least - at[free]) / scale, (most - at[free]) / scale, damping)
             ahead = at.copy()
             ahead[free] = np.minimum(np.maximum(at[free] + scale * step, least), most)
             r_ahead, by_ahead = self._differences(ahead, read, wanted, weight)
             is_end = np.abs(step).max(initial=0.0) <= 1e-6  # the error after it is of the order of its square
-            if r_ahead @ r_ahead <= r @ r:
-                at, r, by, damping = ahead, r_ahead, by_ahead, 0.1 * damping if damping > 1e-9 else 0.0
+            before, after = float(r @ r), float(r_ahead @ r_ahead)
+            predicted, gain = before - float(np.sum((r + A @ step) ** 2)), before - after
+            if gain >= 0.0:
+                at, r, by, growth = ahead, r_ahead, by_ahead, 2.0
+                share = 2.0 * min(gain / predicted, 1.0) - 1.0 if predicted > 0.0 else 1.0
+                damping = damping * max(0.1, 1.0 - share**3) if damping > 1e-9 else 0.0  # of Nielsen
             elif damping < 1e6:
-                damping = max(10.0 * damping, 1e-4)
+                damping, growth = max(growth * damping, 1e-6), 2.0 * growth
             if is_end:
                 break
         ends = (at <= self.least) | (at >= self.most)
@@ -253,6 +264,8 @@ class KalmanFilter:
         self.model, self.names = model, list(values)
         self._columns = [model.number(name, model.inputs, "input") for name in self.names]
         self.mean = np.array([values[name] for name in self.names], dtype=float)
+        if missing := [name for name in self.names if name not in deviations]:
+            raise ValueError(f"The deviation of {', '.join(missing)} is missing.")
         self.covariance = np.diag([float(deviations[name]) ** 2 for name in self.names])
         self._drift = np.diag([float((drifts or {}).get(name, 0.0)) ** 2 for name in self.names])
 
@@ -276,8 +289,12 @@ class KalmanFilter:
             The squared innovation over its covariance, of a consistent filter chi squared, and its degrees of freedom.
         """
         least, most = self.model.least[self._columns], self.model.most[self._columns]
+        if twice := [name for name in self.names if name in commands]:
+            raise ValueError(f"{', '.join(twice)}: this is estimated, and is no command.")
+        if missing := [name for name in measured if name not in noise]:
+            raise ValueError(f"The noise of {', '.join(missing)} is missing.")
         R = np.diag([float(noise[name]) ** 2 for name in measured])
-        P, y = self.covariance + self._drift, np.array(list(measured.values()))
+        P, y = self.covariance + self._drift, _finite(measured)
         before = now = np.minimum(np.maximum(self.mean, least), most)
         squares: list[float] = []
         while True:  # linearised anew at the estimate: the first one may be far off
@@ -295,6 +312,14 @@ class KalmanFilter:
         kept = np.eye(len(P)) - gain @ H
         self.mean, self.covariance = now, kept @ P @ kept.T + gain @ R @ gain.T
         return squares[0], len(y)
+
+
+def _finite(values: "dict[str, float]") -> np.ndarray:
+    """The values; a ValueError where one is no finite number."""
+    for name, value in values.items():
+        if not np.isfinite(value):
+            raise ValueError(f"{name}: {value} is no finite number.")
+    return np.array(list(values.values()), dtype=float)
 
 
 def _step(A: np.ndarray, r: np.ndarray, least: np.ndarray, most: np.ndarray, damping: float) -> np.ndarray:

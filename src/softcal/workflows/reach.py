@@ -200,6 +200,9 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     faults: list[Fault] = []
     if targets is not None and not targets:
         faults.append(Fault("there is no target", "targets", allowed="a channel and its value"))
+    if not live.actuators:
+        known = ", ".join(one.name for one in live.robot.commandable) or "none"
+        faults.append(Fault("no actuator is commanded", "controls", "none", f"one or more of the robot's: {known}"))
     targets = targets or {}
     stated = {*targets, *(limits or {}), *(tolerances or {}), *(weights or {})}
     stiffnesses = {name: unit for name, unit in live.stiffness_units.items() if name in stated}
@@ -239,7 +242,7 @@ def asked(  # noqa: PLR0913 (one argument for each option)
     own = {name: ends for name, ends in live.robot.limited.items() if channel_name(name).carrier in driving}
     for key, (low, high) in (*own.items(), *(limits or {}).items()):
         found = numbers(key, "limits")
-        if found and not low <= high:
+        if found and not (low <= high and low < np.inf and high > -np.inf):
             got = f"{_shown(low, units[names[found[0]]])} to {_shown(high, units[names[found[0]]])}"
             faults.append(Fault("the limits contradict each other", f"limits.{key}", got, "the lower one first"))
         lower[found], upper[found] = np.maximum(lower[found], low), np.minimum(upper[found], high)

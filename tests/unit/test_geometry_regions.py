@@ -124,7 +124,7 @@ def test_all_faults_of_a_mesh_are_told_at_once(cube):
     assert "1 of 385 tets" in inverted.what
     assert inverted.got == "tets 7"
     assert parts.got == "2 parts"
-    assert loose.got == "nodes 129"
+    assert loose.got == "nodes 129, the first at (9000, 9000, 9000) mm"
 
 
 def test_unmerged_and_mirrored_meshes_get_a_hint(cube):

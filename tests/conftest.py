@@ -59,7 +59,7 @@ def _kernels_of_one_signature() -> Generator[None]:
 def small_balls() -> Generator[None]:
     """A point in a body is a sum over a ball around it: here of fewer points, of which derivatives are as exact."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("softcal.mechanics.attachment.BALL_POINTS", 40)
+        patch.setattr("softcal.mechanics.attachment.OCTANT_POINTS", 5)
         yield
 
 

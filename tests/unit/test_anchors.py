@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bore_case import AT, LONG, drilled_bar
+from mechanics_cases import column_robot, mirrored_box, moved_points, tensed
 from project_case import write_project
+from scipy.spatial.transform import Rotation
 
 from softcal.errors import InputError, ProjectFileError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
-from softcal.mechanics.attachment import attach_ball, attach_point, attach_rate
+from softcal.mechanics.attachment import _ball_points, attach_ball, attach_point, attach_rate
 from softcal.project.project import load
-from softcal.twin.robot import ViaPoint
+from softcal.twin.robot import Cable, Marker, ViaPoint
+from softcal.twin.simulate import simulate
 
 BLOCK = (0.02, 0.02, 0.02)
 
@@ -80,3 +85,32 @@ def test_a_radius_is_of_a_point_in_a_body(tmp_path) -> None:
     assert load(write_project(tmp_path / "in", inside)).robot.cables[0].via_points[0].radius == 0.002
     with pytest.raises(ProjectFileError, match="only a via point in a body has a radius"):
         load(write_project(tmp_path / "on", ("at: [30 mm, 0 mm, 100 mm]}", "at: [30 mm, 0 mm, 100 mm], radius: 2 mm}")))
+
+
+def test_points_of_a_ball_fill_it_evenly_and_are_their_own_mirror_images() -> None:
+    """The mean of max(0, n.x - c) over a ball of radius 1, where t = n.x has the density 3/4 (1 - t^2)."""
+    points = _ball_points()
+    n = Rotation.random(200, random_state=0).apply([0.0, 0.0, 1.0])
+    for c in (-0.5, 0.0, 0.5):
+        t = np.array([c, 1.0])
+        lower, upper = 0.75 * (0.5 * t**2 - 0.25 * t**4 - c * (t - t**3 / 3.0))
+        np.testing.assert_allclose(np.maximum(0.0, n @ points.T - c).mean(axis=1), upper - lower, atol=5e-3)
+    for signs in ((-1, 1, 1), (1, -1, 1), (1, 1, -1)):
+        assert {tuple(at) for at in points * signs} == {tuple(at) for at in points}
+
+
+@pytest.mark.parametrize("radius", [None, 0.003])
+def test_a_symmetric_arm_stays_in_its_plane_and_a_turned_one_bends_alike(radius) -> None:
+    mesh = mirrored_box((0.012, 0.01, 0.06), (1, 2, 4))
+    y, heights = 0.003, (0.0, 0.03, 0.055)
+    via = (ViaPoint(np.array([0.0, y, -0.02])), *(ViaPoint(np.array([0.0, y, z]), "neck", radius) for z in heights))
+    cable = Cable("front", via, pulled_end="first")
+    robot = replace(column_robot("P2P1", mesh=mesh, cables=(cable,)), plates=())
+    robot = replace(robot, markers=(Marker("tip", "neck", np.array([0.0, 0.0, 0.06])),))
+    straight = simulate(robot, tensed(2.0), curve_tolerance=0.0).channels
+    assert abs(straight["tip.x"]) < 1e-12
+    assert abs(straight["tip.y"]) > 5e-4
+    R = Rotation.from_rotvec([0.4, -1.2, 2.0]).as_matrix()
+    turned = replace(moved_points(robot, lambda at: at @ R.T, R), markers=())
+    there = simulate(turned, tensed(2.0), curve_tolerance=0.0).channels
+    np.testing.assert_allclose(there["front.shortening"], straight["front.shortening"], rtol=1e-3)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from robot_case import MANIPULATOR, ROBOT, write_robot
 
-from softcal.errors import ProjectFileError
+from softcal.errors import MeshError, ProjectFileError
+from softcal.geometry.primitives import box_mesh
 from softcal.project.project import load
+from softcal.twin.build import build_twin
+from softcal.twin.joints import hinges
+from softcal.twin.robot import Body, Plate, Robot
 
 Change = tuple[str, str]
+SOFT = {"youngs_modulus": 1e6, "poissons_ratio": 0.4}
 
 
 def told(folder: Path, *changes: Change, text: str = ROBOT) -> list[str]:
@@ -357,6 +364,44 @@ def test_all_faults_at_once(tmp_path: Path):
 def test_a_robot_of_nothing(tmp_path: Path):
     (fault,) = told(tmp_path, text="softcal: 1\nname: none\nrobot: {gravity: [0 m/s^2, 0 m/s^2, 0 m/s^2]}\n")
     assert "nothing that bends" in fault
+
+
+FOOT = "foot: {plane"
+EDGE = (FOOT, "edge: {box: {lower: [-11 mm, -11 mm, -1 mm], upper: [-9 mm, 11 mm, 1 mm]}}\n        foot: {plane")
+CORNER = (FOOT, "corner: {box: {lower: [-11 mm, -11 mm, 39 mm], upper: [-9 mm, -9 mm, 41 mm]}}\n        foot: {plane")
+
+
+@pytest.mark.parametrize(
+    ("changes", "where", "turns"),
+    [
+        ((EDGE, ("fixed: foot", "fixed: edge")), "bodies.lower.fixed", "lower"),
+        ((EDGE, ("region: foot, on", "region: edge, on")), "ties.seam.", "upper"),
+        ((CORNER, ("      region: head", "      region: corner")), "plates.top.", "top"),
+    ],
+)
+def test_a_joint_on_one_line_is_warned_of(tmp_path: Path, changes: tuple[Change, ...], where: str, turns: str):
+    (warning,) = load(write_robot(tmp_path, *changes)).warnings
+    assert f"robot.{where}" in str(warning)
+    assert f"one line, about which {turns} can turn without force" in str(warning)
+
+
+def test_a_plate_on_a_line_of_each_of_two_bodies_is_not_warned_of(tmp_path: Path):
+    """It turns about neither line."""
+    lower = box_mesh([20.0, 20.0, 40.0], [2, 2, 3], origin=[-10.0, -10.0, 0.0])
+    bodies = [
+        Body(name, replace(lower, points=lower.points + [at, 0.0, 0.0]), lower.node_sets["z0"], SOFT, element="P1")
+        for name, at in (("left", 0.0), ("right", 30.0))
+    ]
+    line = np.flatnonzero((lower.points[:, 0] == 0.0) & (lower.points[:, 2] == 40.0))
+    plate = Plate("lid", {"left": line, "right": line}, np.array([15.0, 0.0, 40.0]))
+    assert hinges(Robot(tuple(bodies), (plate,))) == []
+    assert hinges(Robot(tuple(bodies), (replace(plate, nodes={"left": line}),))) == [("lid", "lid")]
+
+
+def test_two_bodies_that_are_tied_to_each_other_are_refused_by_the_names_of_the_ties(tmp_path: Path):
+    project = load(write_robot(tmp_path, ("  plates:", "    back: {body: lower, region: head, on: upper}\n  plates:")))
+    with pytest.raises(MeshError, match="seam: nodes of upper are tied to nodes of lower that back ties to upper"):
+        build_twin(project.robot)
 
 
 def test_a_rod_through_what_does_not_hold_it_is_warned_of(tmp_path: Path):

@@ -1,6 +1,7 @@
 """Centrelines: nodes, triads and arc lengths."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,6 +99,7 @@ def test_elements_are_spaced_through_stations():
         (lambda: spaced([1.5], 0.1), "not on the rod"),
         (lambda: spaced([], 0.0), "must have a length"),
         (lambda: Centreline(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), [0.0]), "coincide"),
+        (lambda: replace(straight((0, 0, 0), (0, 0, 1), 2), nodes=[[0, 0, 0], [0, 0, 5], [0, 0, 10]]), "shorter than"),
         (lambda: Centreline(np.eye(3)[:2], np.ones((2, 3, 3)), [1.0]), "no rotation"),
         (lambda: Centreline(np.eye(3)[:1], np.eye(3)[None], []), "two nodes or more"),
     ],

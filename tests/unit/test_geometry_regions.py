@@ -124,7 +124,7 @@ def test_all_faults_of_a_mesh_are_told_at_once(cube):
     assert "1 of 385 tets" in inverted.what
     assert inverted.got == "tets 7"
     assert parts.got == "2 parts"
-    assert loose.got == "nodes 129"
+    assert loose.got == "nodes 129, the first at (9000, 9000, 9000) mm"
 
 
 def test_unmerged_and_mirrored_meshes_get_a_hint(cube):
@@ -180,6 +180,21 @@ def test_loose_nodes_can_be_dropped(cube):
     assert np.array_equal(mesh.points, cube.points)
     assert np.array_equal(mesh.node_sets["x0"], cube.node_sets["x0"])
     assert np.array_equal(mesh.face_sets["y1"], cube.face_sets["y1"])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_pieces_that_share_an_edge_but_no_face_are_warned_of(order):
+    box = box_mesh((2.0, 2.0, 1.0), (2, 2, 1), order=order)
+    x, y, _ = box.points[box.tets[:, :4]].mean(axis=1).T
+    hinge = drop_unreferenced(TetMesh(box.points, box.tets[(x < 1.0) == (y < 1.0)]))
+    assert "6 of 12 tets" in require_sound(hinge).warning
+    assert "share edges or nodes with the others, but no face" in require_sound(hinge).warning
+    assert require_sound(box).warning == ""
+
+
+def test_the_fault_of_loose_nodes_states_where_the_first_is(cube):
+    with pytest.raises(MeshError, match=r"got nodes \d+, the first at \(7000, 0, 0\) mm"):
+        require_sound(TetMesh(np.vstack([cube.points, [[7.0, 0.0, 0.0]]]), cube.tets))
 
 
 @settings(max_examples=40, deadline=None)

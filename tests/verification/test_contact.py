@@ -100,6 +100,33 @@ def test_two_blocks_press_with_the_exact_stress():
     np.testing.assert_allclose(force[1:], exact, rtol=1e-2)
 
 
+@pytest.mark.parametrize("divisions", [2, 3])
+def test_flush_blocks_that_touch_at_rest_press_as_blocks_beside_each_other(divisions: int):
+    """With all points of one block moved rigidly into the other; at the edges, the core's triangles are smaller than
+    the surface's.
+    """
+    forces = []
+    for gap in (0.0, 1e-9, 1e-6):
+        low, high = box_mesh((SIDE,) * 3, (2, 2, 2)), box_mesh((SIDE,) * 3, (divisions,) * 3, origin=(0, 0, SIDE + gap))
+        bodies = [
+            Body(name, mesh, mesh.node_sets["z0"], SOFT, element="P1") for name, mesh in (("low", low), ("high", high))
+        ]
+        twin = build_twin(Robot(tuple(bodies), contact=Contact(depth=4e-4, stiffness=E)))
+        term = next(term for term in twin.system.terms if isinstance(term, ContactTerm))
+        x, h = twin.system.layout.X.copy(), 1e-9
+        assert term.stored(x, {}) == 0.0
+        ends = []
+        for overlap in (2e-4 + h, 2e-4 - h):
+            moved_in = x.copy()
+            moved_in[twin.first_point["high"] :] -= [0.0, 0.0, gap + overlap]
+            ends.append(term.stored(moved_in, {}))
+        forces.append((ends[0] - ends[1]) / (2.0 * h))
+    np.testing.assert_allclose(forces, forces[-1], rtol=5e-3)
+    np.testing.assert_allclose(
+        forces, 2 * 0.5 * E * SIDE**2, rtol=0.05
+    )  # the surfaces of both press, by half the depth
+
+
 @pytest.mark.slow
 def test_the_force_hardly_depends_on_the_depth():
     robot = two_blocks()

@@ -19,6 +19,8 @@ from softcal.display import displayed
 from softcal.errors import Fault, MeshError
 from softcal.limits import LIMITS
 
+SHORTER = 1e-2  # of the distance of two nodes: by so much an arc may be less, as that of an element that was halved
+
 
 @displayed
 @dataclass(frozen=True)
@@ -52,6 +54,17 @@ class Centreline(Checked):
         off = np.abs(np.swapaxes(self.triads, 1, 2) @ self.triads - np.eye(3)).max(axis=(1, 2))
         if off.max() > 1e-9 or np.linalg.det(self.triads).min() < 0.0:
             raise MeshError(Fault("a triad is no rotation", where=f"node {int(np.argmax(off))}"))
+        chords = np.linalg.norm(np.diff(self.nodes, axis=0), axis=1)
+        if (short := self.lengths < (1.0 - SHORTER) * chords).any():
+            at = int(np.argmax(short))
+            raise MeshError(
+                Fault(
+                    "an arc of a centreline is shorter than the straight line between its nodes",
+                    where=f"nodes {at + 1} and {at + 2}",
+                    got=f"{1e3 * self.lengths[at]:.6g} mm",
+                    allowed=f"{1e3 * chords[at]:.6g} mm or more",
+                )
+            )
 
     @property
     def stations(self) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
-from softcal.geometry.cell import TET_EDGES, TET_FACES
+from softcal.geometry.cell import TET_EDGES, TET_FACES, face_keys
 from softcal.geometry.mesh import TetMesh
 
 # A tet whose smallest dihedral angle [rad] is below this is a sliver.
@@ -28,7 +28,8 @@ class MeshReport:
     volume [m^3]; lower, upper: corners of the bounding box [m]; qualities: mean ratio, 1 for a regular tet, 0 for a
     flat one; min_dihedral [rad]; inverted: tets that are flat or turned inside out somewhere; slivers: tets with a
     dihedral angle below 5 degrees; n_parts: parts that share no node; unreferenced: nodes that no tet uses;
-    n_duplicate_nodes: pairs of nodes at the same place.
+    n_duplicate_nodes: pairs of nodes at the same place; hinged: tets of all but the largest piece, where pieces of the
+    mesh share edges or nodes, but no face.
     """
 
     n_points: int
@@ -45,6 +46,7 @@ class MeshReport:
     n_parts: int
     unreferenced: tuple[int, ...]
     n_duplicate_nodes: int
+    hinged: tuple[int, ...] = ()
 
     @property
     def warning(self) -> str:
@@ -57,6 +59,11 @@ class MeshReport:
             )
         if self.n_duplicate_nodes:
             texts.append(f"{self.n_duplicate_nodes} pairs of nodes coincide, so that the mesh has a slit")
+        if self.hinged and self.n_parts == 1:
+            texts.append(
+                f"{len(self.hinged)} of {self.n_tets} tets (tets {_some(self.hinged)}) share edges or nodes with the "
+                "others, but no face, so that they turn there as on a hinge"
+            )
         return "; ".join(texts)
 
 
@@ -99,7 +106,23 @@ def check_quality(mesh: TetMesh) -> MeshReport:
         n_parts=len(np.unique(labels[used])),
         unreferenced=tuple(np.flatnonzero(~used).tolist()),
         n_duplicate_nodes=len(tree.query_pairs(near)),
+        hinged=tuple(_hinged(mesh).tolist()),
     )
+
+
+def _hinged(mesh: TetMesh) -> Ints:
+    """Numbers of the tets outside the largest piece of the mesh whose tets share faces."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # pyright: ignore[reportUnknownVariableType]
+
+    keys = face_keys(mesh.tets[:, np.array(TET_FACES)].reshape(-1, 3), mesh.n_points)
+    _, face = np.unique(keys, return_inverse=True)
+    tet = np.repeat(np.arange(mesh.n_tets), 4)
+    n = mesh.n_tets + int(face.max()) + 1
+    graph = coo_array((np.ones(len(tet), dtype=np.int8), (tet, mesh.n_tets + face)), shape=(n, n))
+    _, labels = cast("tuple[int, Ints]", connected_components(graph, directed=False))
+    piece = labels[: mesh.n_tets]
+    return np.flatnonzero(piece != np.bincount(piece).argmax())
 
 
 def inverted_tets(mesh: TetMesh) -> Ints:
@@ -146,9 +169,9 @@ def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:
             Fault(
                 f"{len(report.unreferenced)} of {report.n_points} nodes belong to no tet",
                 where=where,
-                got=f"nodes {_some(report.unreferenced)}",
+                got=f"nodes {_some(report.unreferenced)}, the first at {_place(mesh.points[report.unreferenced[0]])}",
                 allowed="nodes of tets only",
-                attempt="drop_unreferenced(mesh)",
+                attempt="write the tets and their nodes alone; in Python drop_unreferenced(mesh)",
             )
         )
     if faults:
@@ -194,6 +217,10 @@ def _jacobians(mesh: TetMesh, places: Floats) -> Floats:
 def _triple(values: Floats) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
+
+
+def _place(point: Floats) -> str:
+    return f"({', '.join(f'{1e3 * x:.6g}' for x in point.tolist())}) mm"
 
 
 def _some(numbers: tuple[int, ...] | Ints) -> str:

@@ -19,8 +19,8 @@ NO_WEIGHT = 1e-14
 STRAIGHT = 1e-6  # of an edge: tolerance of a point located in the straight-edged element
 KNOT = 1e-3  # [m]: radius of what fixes a cable at a point in the material, where it is not stated
 REACH = 1.25  # radius of the ball around a point in a bore, where it is not stated, over the bore's diameter
-BALL_POINTS = 300  # that represent a ball
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+OCTANT_POINTS = 38  # that represent an eighth of a ball
+GOLDEN = 0.5 * (1.0 + np.sqrt(5.0))
 
 
 def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, where: str = "") -> tuple[Ints, Floats]:
@@ -195,18 +195,26 @@ def _ball(mesh: TetMesh, centre: Floats, radius: float | None, *, where: str) ->
     seed = attach_point(mesh, centre, where=where)
     if radius is None:
         radius = REACH * seed.bore or KNOT
-    k = np.arange(BALL_POINTS) + 0.5
-    height, turn = 1.0 - 2.0 * k / BALL_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * k
-    across = np.sqrt(1.0 - height**2)
-    # Radii and directions are ordered independently, so that the ball is filled evenly.
-    far = radius * ((k * GOLDEN) % 1.0) ** (1.0 / 3.0)
-    points = centre + far[:, None] * np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    points = centre + radius * _ball_points()
     near = _connected(mesh, centre, radius, seed.nodes)
     points = points[tets_holding(near, points) >= 0]
     conditions = np.vstack([np.ones(len(points)), ((points - centre) / radius).T])
-    if np.linalg.matrix_rank(conditions, tol=1e-6 * np.sqrt(BALL_POINTS)) < 4:
+    if np.linalg.matrix_rank(conditions, tol=1e-6 * np.sqrt(8 * OCTANT_POINTS)) < 4:
         return None
     return _Ball(points, _smallest_shares(conditions), near, seed.bore, radius)
+
+
+def _ball_points() -> Floats:
+    """Points (n, 3) that fill the ball of radius 1 evenly, and are their own mirror images in x, y and z."""
+    k = np.arange(OCTANT_POINTS) + 0.5
+    height = k / OCTANT_POINTS
+    across = np.sqrt(1.0 - height**2)
+    # No sum of multiples of the two steps is whole, so that radii and directions are ordered independently.
+    angle = 0.5 * np.pi * ((k * GOLDEN) % 1.0)
+    far = ((k * np.sqrt(2.0)) % 1.0) ** (1.0 / 3.0)
+    octant = far[:, None] * np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
+    signs = np.array(np.meshgrid([1.0, -1.0], [1.0, -1.0], [1.0, -1.0])).reshape(3, -1).T
+    return (signs[:, None] * octant).reshape(-1, 3)
 
 
 def _connected(mesh: TetMesh, centre: Floats, radius: float, seed: Ints) -> TetMesh:

@@ -6,8 +6,9 @@ The core of a surface lies `depth` below it, so that a point that just touches t
 gap, no sign, and nothing acts before surfaces meet. A point that is nearer than that to a core at rest has a shorter
 reach: nothing acts at rest. Triangles count once, the edges between them less once, the vertices once more: on flat and
 convex surfaces the nearest point alone counts, and the sum is smooth throughout (inclusion and exclusion, as in Li et
-al., 2023, Convergent incremental potential contact). At an overlap of `depth` the pressure is the stiffness, about the
-material's modulus: with a depth of a small part of an element, the overlap changes forces less than the mesh does.
+al., 2023, Convergent incremental potential contact). At an overlap of `depth` each surface presses with the
+stiffness, about the material's modulus: with a depth of a small part of an element, the overlap changes forces less
+than the mesh does.
 
 At each state:
 

@@ -15,10 +15,10 @@ from softcal.geometry.locate import depths_inside
 from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
 from softcal.twin.build import twin_of
+from softcal.twin.joints import GROUND, hinges
 from softcal.twin.robot import Disc, Robot
 from softcal.units import format_quantity
 
-GROUND = ""
 # Discs may touch: an overlap below this part of the thickness is rounding error.
 TOUCHING = 1e-6
 
@@ -41,6 +41,7 @@ def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = 
     _check_fixed_once(robot, findings)
     if len(findings.faults) == n_faults:
         _check_overlaps(robot, where, findings)
+        _check_hinges(robot, findings)
         # Surfaces that actuators act on, such as walls that enclose no volume.
         try:
             if any(part.actuator.surfaces for part in robot.actuators):
@@ -110,6 +111,19 @@ def _check_attached(robot: Robot, where: _Where, findings: Findings) -> None:
             got=alone,
             allowed="a connection to a fixed part: fixed, a plate, a tie",
             attempt="fixed: socket, with a region of that name" if kind == "body" else "",
+        )
+
+
+def _check_hinges(robot: Robot, findings: Findings) -> None:
+    """Warn of what is joined at one point or line, about which it can turn; contact may prevent it."""
+    keys = {part.name: ("bodies", part.name, "fixed") for part in robot.bodies}
+    keys |= {part.name: ("plates", part.name, "region") for part in robot.plates}
+    keys |= {part.name: ("ties", part.name, "region") for part in robot.ties}
+    for name, turns in hinges(robot) if robot.contact is None else []:
+        findings.warn(
+            ("robot", *keys[name]),
+            f"the nodes are at one point or on one line, about which {turns} can turn without force",
+            attempt="a region that spans a surface",
         )
 
 

@@ -39,7 +39,7 @@ class Contact(Declared):
     Attributes
     ----------
     gap : Distance [m] at which wires of rods begin to push each other, or discs; surfaces need none
-    stiffness : Pressure [Pa] of surfaces that overlap by the depth; of the barrier of wires, 80 times that
+    stiffness : Pressure [Pa] of each of two surfaces that overlap by the depth; of the barrier of wires, 80 times that
     friction_coefficient : Coulomb's [-], in dynamics alone: equilibria with friction depend on the load path
     creep : Sliding speed [m/s] below which the friction is reduced
     depth : Overlap [m] of surfaces at which their pressure is the stiffness

@@ -16,6 +16,8 @@ from softcal.mechanics.links import Ties
 from softcal.twin.robot import Robot, Tie
 from softcal.units import format_quantity
 
+GROUND = ""  # in the place of a part: what does not move
+
 
 @dataclass(frozen=True)
 class Frames:
@@ -91,7 +93,7 @@ def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -
     Raises
     ------
     MeshError
-        For bodies that do not exist, and nodes too far from the other body.
+        For bodies that do not exist, nodes too far from the other body, and nodes tied to nodes that another tie ties.
     """
     point: list[Ints] = []
     master: list[Ints] = []
@@ -112,6 +114,12 @@ def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -
         point.append(np.repeat(first[tie.body] + nodes, masters.shape[1]))
         master.append(first[tie.on] + masters.ravel())
         weight.append(weights.ravel())
+    for k, tie in enumerate(robot.ties):
+        for other, tied in zip(robot.ties, point, strict=True):
+            if len(chained := np.intersect1d(master[k], tied)):
+                what = f"nodes of {tie.body} are tied to nodes of {tie.on} that {other.name} ties to {other.on}"
+                attempt = "one tie between two bodies, and ties of one body to others apart from each other"
+                raise MeshError(Fault(what, tie.name, f"{len(chained)} such nodes of {tie.on}", "none", attempt))
     none = np.zeros(0, dtype=np.int64)
     return Ties(np.concatenate([none, *point]), np.concatenate([none, *master]), np.concatenate([np.zeros(0), *weight]))
 
@@ -208,3 +216,57 @@ def loose_faults(robot: Robot) -> list[Fault]:
             what = f"{'a piece of ' * several}the {kind} is not attached: no node is fixed, nor of what it is tied to"
             faults.append(Fault(what, part.name, f"{len(loose)} of {len(own)} pieces of its mesh" * several))
     return faults
+
+
+def hinges(robot: Robot) -> list[tuple[str, str]]:
+    """The joints whose nodes are on one line, about which a part can turn without any deformation: the name of the
+    plate or tie, or of a body by its fixed nodes, and that of the part that turns.
+    """
+    meshes = {body.name: body.mesh for body in robot.bodies}
+    fixed = {plate.name for plate in robot.plates if plate.fixed}
+    joints = [(body.name, body.name, GROUND, body.mesh.points[body.fixed]) for body in robot.bodies]
+    joints += [
+        (plate.name, body, GROUND if plate.fixed else plate.name, meshes[body].points[nodes])
+        for plate in robot.plates
+        for body, nodes in plate.nodes.items()
+    ]
+    joints += [(tie.name, tie.body, tie.on, meshes[tie.body].points[tie.nodes]) for tie in robot.ties]
+    joints = [(name, one, other, _frame_of(points)) for name, one, other, points in joints if len(points)]
+    if all(len(points) > 2 for *_, points in joints):
+        return []
+    for rod in robot.rods:
+        size = rod.centreline.lengths.sum() * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+        ends = [(GROUND if name in fixed else name, nodes) for name, nodes in rod.clamped.items()]
+        for name, nodes in [*ends, (GROUND, rod.fixed)]:
+            joints += [(rod.name, rod.name, name, rod.centreline.nodes[node] + size) for node in nodes]
+    parts = {name: k for k, name in enumerate(dict.fromkeys(name for _, *two, _ in joints for name in two if name))}
+    middle = np.mean([points[0] for *_, points in joints], axis=0)
+    size = max(float(np.abs(points - middle).max()) for *_, points in joints)
+
+    def slip(one: str, other: str, points: Floats) -> Floats:
+        """How fast points of two parts move apart (3 n, 6 parts), by their velocities and, over the size, turns."""
+        arms = np.cross(np.eye(3), (points[:, None] - middle) / size).reshape(-1, 3)
+        motion = np.hstack([np.tile(np.eye(3), (len(points), 1)), arms])
+        rows = np.zeros((3 * len(points), len(parts), 6))
+        for name, sign in ((one, 1.0), (other, -1.0)):
+            if name:
+                rows[:, parts[name]] = sign * motion
+        return rows.reshape(len(rows), -1)
+
+    _, s, modes = np.linalg.svd(np.concatenate([slip(*joint[1:]) for joint in joints]))
+    free = modes[np.count_nonzero(s > 1e-6) :]
+    plates = {plate.name for plate in robot.plates}
+    found: list[tuple[str, str]] = []
+    for name, one, other, points in joints:
+        apart = slip(one, other, points[0] + size * np.eye(3)) @ free.T
+        if len(points) < 3 and np.abs(apart).max(initial=0.0) > 1e-3:
+            found.append((name, name if name in plates - fixed else one))
+    return found
+
+
+def _frame_of(points: Floats) -> Floats:
+    """The middle of points (n, 3), and one more point along each direction in which they extend."""
+    middle = points.mean(axis=0)
+    _, s, axes = np.linalg.svd(points - middle, full_matrices=False)
+    extends = s > 1e-6 * max(float(s.max()), 1e-12)
+    return np.concatenate([middle[None], middle + s[extends, None] * axes[extends]])

@@ -287,6 +287,13 @@ def test_what_contradicts_the_data_stands_before_the_estimates() -> None:
     assert first.startswith("E = ")
 
 
+def test_a_prior_that_contradicts_the_data_stands_before_the_estimates() -> None:
+    (first, *_) = sentences(fitted("a", estimates={E_NAME: replace(E, off_prior=49.0), NU_NAME: NU}))
+    assert first.startswith("Prior and data contradict each other (that of E by about 49 standard errors); E = ")
+    (first, *_) = sentences(fitted("a", estimates={E_NAME: replace(E, off_prior=2.9)}))
+    assert first.startswith("E = ")
+
+
 def test_tests_that_contradict_one_value_stand_before_it() -> None:
     differ, alike = (
         Spread({"a": 2.7e6, "b": 3.6e6, "c": 3.1e6}, 20.0, 2, chance, 4e5, (1.7e6, 5.4e6)) for chance in (1e-3, 0.2)

@@ -9,8 +9,9 @@ import pytest
 from report_example import E_NAME, NU_NAME
 
 from softcal.analysis.agreement import agreements
+from softcal.calibration.problem.parameters import FreeParameter
 from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
-from softcal.calibration.search.outcome import bound_note, saturated_note
+from softcal.calibration.search.outcome import bound_note, prior_note, saturated_note
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import Spread
 from softcal.cli.calibration_table import print_results
@@ -318,6 +319,17 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
     free = content(at(0.7))
     assert "best fit is beyond" not in told(free) + verdict(free).text
     assert "within the noise, the data exclude neither this value" in told(free, "warning")
+
+
+def test_warnings_of_a_calibration_are_in_the_report() -> None:
+    parameter = FreeParameter(E_NAME, "Pa", 1e5, 4e7, prior_mean=2e6, prior_sd=1e4)
+    estimate = replace(modulus(1.5), off_prior=49.2)
+    larger = Remark("The residuals of tension are 6.8 times the noise of the records.", "warning")
+    notes = (larger, prior_note(parameter, estimate))
+    of = content({"a": result("a", estimates={E_NAME: estimate}, notes=notes)})
+    assert larger.text in told(of, "warning")
+    assert f"{E_NAME} is about 49 standard errors from the mean of its prior, 2 MPa with" in told(of, "warning")
+    assert verdict(of).tone == "warning"
 
 
 def test_a_parameter_is_identified_or_not_by_its_interval() -> None:

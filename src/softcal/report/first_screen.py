@@ -164,6 +164,9 @@ def _estimates(of: FirstScreen) -> str:
         by = joined(f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items())
         far = f"best fit beyond the bound of {by} standard errors"
         doubts.append(f"model and bounds contradict the data ({far})")
+    if off := {name: one.off_prior for name, one in result.parameters.items() if one.contradicts_prior}:
+        by = joined(f"of {parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in off.items())
+        doubts.append(f"prior and data contradict each other (that {by} standard errors)")
     for name, spread in _contradictions(result, names).items():
         estimate, values = result.parameters[name], spread.values.values()
         ends = with_unit(estimate, f"{shown(estimate, min(values))} to {shown(estimate, max(values))}")

@@ -85,6 +85,8 @@ class Statistics:
         Label -> degrees of freedom of the variance [-], where these are finite.
     moved_by
         Label of a parameter of the robot -> errors of instruments that move it by half its interval; see `Estimate`.
+    off_prior
+        Label of a parameter with a prior -> distance from the prior's mean, in standard errors [-].
     is_exact
         Whether a channel is fitted exactly, so that there are no intervals.
     """
@@ -102,6 +104,7 @@ class Statistics:
     minimum: Mapping[str, float] = field(default_factory=dict[str, float])
     dof: Mapping[str, float] = field(default_factory=dict[str, float])
     moved_by: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    off_prior: Mapping[str, float] = field(default_factory=dict[str, float])
     is_exact: bool = False
 
     def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
@@ -122,6 +125,7 @@ class Statistics:
                 self.shares.get(p.label, {}),
                 self.dof.get(p.label),
                 moved_by=self.moved_by.get(p.label, {}),
+                off_prior=self.off_prior.get(p.label),
             )
             for p in space.parameters
         }
@@ -240,6 +244,7 @@ def local_statistics(
         minimum,
         dof,
         moved_by,
+        {space.labels[j]: float(found.off_prior[j]) for j in known if space.parameters[j].prior_mean is not None},
     )
 
 

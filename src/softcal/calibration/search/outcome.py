@@ -162,7 +162,7 @@ def _residuals(experiments: Iterable[Experiment], blocks: Sequence[Block]) -> di
             rows = np.flatnonzero(experiment.seen(block.channel))[outliers(block.residual)]
             known = replace(
                 record,
-                significance=misfit.significance,
+                significance=misfit.in_residuals,
                 outliers=tuple(int(row) + 1 for row in rows),
                 step=step_of_readings(block.measured, block.residual),
             )

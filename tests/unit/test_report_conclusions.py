@@ -268,6 +268,28 @@ def test_closeness_is_judged_by_the_range(force: float, word: str) -> None:
     assert f"that is {word}" in told(shifted)
 
 
+@pytest.mark.parametrize(
+    ("factor", "of", "words"),
+    [
+        (np.pi / 180, "pitch of a", "The measured pitch changes 0.017 times as much as the twin's"),
+        (-1.0, "pitch of a", "The measured pitch changes -1.0 times as much as the twin's"),
+        (0.0, "pitch of a, which is constant in the record", ""),
+        (0.7, "pitch of a off by", ""),
+        (0.97, "", ""),
+    ],
+)
+def test_a_channel_that_the_twin_does_not_fit_is_in_the_first_sentence(factor: float, of: str, words: str) -> None:
+    simulated = {"tension": 400.0 * D, "pitch": 1000 * D * DEG}
+    measured = {**simulated, "pitch": factor * simulated["pitch"] + 0.01}
+    rmse = {"tension": 0.0, "pitch": float(np.sqrt(np.mean((measured["pitch"] - simulated["pitch"]) ** 2)))}
+    made = ExperimentFit(rmse, {}, measured, simulated, {"tension": "N", "pitch": "rad"})
+    shown = content({"a": result("a", made=made)})
+    assert verdict(shown).sentences[0].startswith(f"The twin does not fit the measurements ({of}" if of else "E = ")
+    asked = "is its sign, unit, axis or column wrong?"
+    assert (asked in told(shown, "warning")) == bool(words)
+    assert words in told(shown, "warning")
+
+
 def test_an_error_of_the_size_of_the_noise_is_as_close_as_can_be() -> None:
     report = content({"a": result("a", made=fit(1.0))}, sigma=1.0)
     assert "1.0 times the noise of its record); that is within the noise of the record" in told(report, "good")

@@ -18,7 +18,7 @@ from softcal.calibration.statistics.random_effects import WORDS, Spread
 from softcal.calibration.statistics.residuals import FEWEST, ResidualRecord
 from softcal.experiments.dataset import Dataset
 from softcal.report.agreement import range_text, trend_sentences
-from softcal.report.closeness import Miss, closeness, misses_of, worst_of
+from softcal.report.closeness import Miss, closeness, misses_of, poor_text, worst_of
 from softcal.report.content import judged
 from softcal.report.format import (
     joined,
@@ -167,7 +167,10 @@ def _estimates(of: FirstScreen) -> str:
     if off := {name: one.off_prior for name, one in result.parameters.items() if one.contradicts_prior}:
         by = joined(f"of {parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in off.items())
         doubts.append(f"prior and data contradict each other (that {by} standard errors)")
-    for name, spread in _contradictions(result, names).items():
+    apart = _contradictions(result, names)  # of which a poor fit follows
+    if not apart and not result.is_saturated and (poor := poor_text(_misses(of))):
+        doubts.append(f"the twin does not fit the measurements ({poor})")
+    for name, spread in apart.items():
         estimate, values = result.parameters[name], spread.values.values()
         ends = with_unit(estimate, f"{shown(estimate, min(values))} to {shown(estimate, max(values))}")
         doubts.append(f"no single {parameter_label(name, result.parameters)} fits the {WORDS[spread.kind]} ({ends})")

@@ -256,6 +256,10 @@ def test_without_intervals_the_reason_is_given() -> None:
     text = sentences(fitted("a", estimates=bare, made=few))[1]
     assert text.endswith("at least as many parameters as measured values.")
     assert sentences(fitted("a", estimates=bare))[1] == "Their error is not known: no intervals could be computed."
+    note = Remark("The data cannot separate a.b and c.d: only a combination of them is determined. Fix one of them.")
+    first, text, _ = sentences(fitted("a", estimates=bare, notes=(note,)))
+    assert first == "The data cannot separate a.b and c.d; E = 1.93 MPa, from one test."
+    assert text == note.text
 
 
 def test_a_trend_follows_the_largest_source() -> None:

@@ -41,6 +41,7 @@ _TOO_LARGE = 1.5
 _TOGETHER = 0.5
 """Two parameters whose standard error falls below this share of itself when the other is known move together."""
 INCLUDED = "The intervals include"
+INSEPARABLE, NO_EFFECT = "The data cannot separate", "The data do not depend on"
 NOT_INCLUDED = (
     INCLUDED + " the noise and its correlation along the records{}. Not included: errors {}of the material law and of "
     "the {}model of the rig that are the same in all tests and leave no residual."
@@ -333,9 +334,9 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
         *others, last = (label for label, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed)
-        text = f"The data do not depend on {last}: its value is arbitrary and no standard error is given."
+        text = f"{NO_EFFECT} {last}: its value is arbitrary and no standard error is given."
         if others:
-            text = f"The data cannot separate {', '.join(others)} and {last}: only a combination of them is determined."
+            text = f"{INSEPARABLE} {', '.join(others)} and {last}: only a combination of them is determined."
             text += " Fix one of them, or state a prior of one."
         notes.append(Remark(text))
     differing = next((one.kind for one in found.between if one.effects.differs), None)

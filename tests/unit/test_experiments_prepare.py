@@ -183,6 +183,10 @@ def test_records_that_end_at_a_limit_never_get_taut_or_are_written_twice_are_sus
     assert said(noisy.with_channels(Step("test"), tension=np.maximum(np.round(force - 1.3, 1), 0.0))) == ""  # slack
     for n in (41, 400):
         assert "is the cable taut in this record?" in said(ramp(n, slack=30e-3, noise=0.05))
+    shuffled = np.random.default_rng(4).permutation(101)
+    assert "taut" not in said(
+        dataset(**{key: noisy.values(key)[shuffled] for key in ("shortening", "tension", "pitch")})
+    )
     twice = {key: np.tile(channel.values, 2) for key, channel in noisy.channels.items() if key != "time"}
     assert "100 of 202 rows repeat earlier ones in every channel" in said(dataset(**twice))
     there = {key: np.concatenate([values[:101], values[100::-1]]) for key, values in twice.items()}

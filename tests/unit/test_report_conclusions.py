@@ -285,6 +285,8 @@ def test_a_channel_that_the_twin_does_not_fit_is_in_the_first_sentence(factor: f
     made = ExperimentFit(rmse, {}, measured, simulated, {"tension": "N", "pitch": "rad"})
     shown = content({"a": result("a", made=made)})
     assert verdict(shown).sentences[0].startswith(f"The twin does not fit the measurements ({of}" if of else "E = ")
+    two = content({"a": result("a"), "b": result("b", made=made)})
+    assert ("the twin does not fit all measurements (pitch of b" in verdict(two).sentences[0]) == bool(of)
     asked = "is its sign, unit, axis or column wrong?"
     assert (asked in told(shown, "warning")) == bool(words)
     assert words in told(shown, "warning")

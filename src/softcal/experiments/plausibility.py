@@ -189,7 +189,8 @@ def _stiffness(dataset: Dataset) -> list[str]:
         measured, unit = dataset.values(of.effort), of.units[1]
         ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
         return [f"{of.effort} does not rise with {of.coordinate} ({ends}): is it the right column?"]
-    scatter = float(np.std(np.diff(dataset.values(of.effort)))) / np.sqrt(2.0)
+    in_order = effort[np.argsort(coordinate, kind="stable")]
+    scatter = float(np.std(np.diff(in_order))) / np.sqrt(2.0)
     if of.is_cable and np.ptp(force) < _SCATTER * scatter / np.sqrt(len(effort) / len(s)):
         return [
             f"{of.effort} changes with {of.coordinate} by no more than its scatter of {scatter:.3g} {of.units[1]}: is "

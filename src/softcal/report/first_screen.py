@@ -154,6 +154,8 @@ def _estimates(of: FirstScreen) -> str:
                 parts.append(f"{label} not determined in any test")
         early = joined(result_label(label) for label, result in results.items() if result.missed_minimum)
         doubt = f"; not found yet: the minimum of {early}" if early else ""
+        if not any(result.is_saturated for result in results.values()) and (poor := poor_text(_misses(of))):
+            doubt += f"; the twin does not fit all measurements ({poor})"
         return f"{joined(parts)}, from {len(results)} separate fits{doubt}."
     parts = [one.sentence for one in material[:_FEW]]
     parts += [f"{len(material) - _FEW} more"] if len(material) > _FEW else []

@@ -173,6 +173,13 @@ def test_a_footer_is_skipped_and_lines_are_those_of_the_file(tmp_path: Path) -> 
         read(tmp_path, HEADER + ROWS + "7.5,odd\n" + further)
 
 
+def test_an_empty_cell_of_a_channel_has_a_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "pull.csv"
+    path.write_text("Force [N],Pitch [deg]\n" + "".join(f"{i},{'' if 3 < i < 6 else i}\n" for i in range(30)))
+    with pytest.raises(DatasetError, match="a file without these lines, or with values there"):
+        read_table(path, {"tension": ColumnSpec("Force [N]"), "pitch": ColumnSpec("Pitch [deg]")})
+
+
 def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path, Path("/dev/zero")):
         if path.exists():

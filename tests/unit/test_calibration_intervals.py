@@ -13,8 +13,9 @@ from fake_twin import NU, STEADY, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import given
 from hypothesis import strategies as st
 
+from softcal.calibration.problem.loss import Block
 from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
-from softcal.calibration.problem.parameters import FreeParameter
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
@@ -177,6 +178,25 @@ def test_data_that_want_a_value_beyond_a_bound_are_said_to(tmp_path: Path, far: 
         note = bound_note(E, bounded).text
         assert ("best fit is beyond it, by about" in note) == ("contradict the data" in note) == held
         assert ("not by the data" in note) == (not held)
+
+
+@pytest.mark.parametrize(("far", "said"), [(1.0, False), (2.9, False), (3.1, True), (6.0, True)])
+def test_a_prior_that_contradicts_the_data_widens_the_errors(far: float, said: bool) -> None:
+    """The data alone give a = 0.5 with the error s, the prior is `far` standard errors of the difference away."""
+    n, sd = 50, 0.05
+    wave = 0.08 * np.cos(np.pi * np.arange(n))  # no larger than stated, and without a part in a
+    s = 0.1 / math.sqrt(n)
+    away = far * math.hypot(s, sd)
+    a = 0.5 + away * s**2 / (s**2 + sd**2)
+    data = Block("pull", "tension", np.ones(n), a - 0.5 + wave, 0.1, np.ones((n, 1)))
+    prior = Block("", "prior of a", np.array([0.5 + away]), np.array([a - 0.5 - away]), sd, np.ones((1, 1)))
+    space = SearchSpace((FreeParameter("a", "m", -10.0, 10.0, prior_mean=0.5 + away, prior_sd=sd),))
+    statistics = local_statistics(space, LikelihoodLoss(), {"a": a}, [data, prior])
+    one = statistics.estimates(space, {"a": a})["a"]
+    assert one.off_prior == pytest.approx(far, rel=0.01)
+    assert one.contradicts_prior == said
+    both = 1.0 / math.hypot(1.0 / s, 1.0 / sd)
+    assert one.standard_error == pytest.approx(both * (far if said else 1.0), rel=0.03)
 
 
 @pytest.mark.parametrize("method", ["least-squares", "grid"])

@@ -73,6 +73,20 @@ def test_a_cause_below_the_noise_is_found_beside_what_another_channel_knows() ->
     assert tension.significance > 2.0 * alone.significance
 
 
+def test_what_another_channel_misses_is_not_said_of_noise() -> None:
+    """Under `papers` the force may fit to its noise and an angle be off: the parameters have not followed the angle."""
+    chance = np.random.default_rng(9)
+    force, angle = 1e-3 * chance.standard_normal((2, N))
+    J = np.column_stack([D, np.ones(N)])
+    force -= J @ np.linalg.lstsq(J, force, rcond=None)[0]
+    angle += D + 0.5
+    jacobians = J, np.column_stack([0.3 * D, np.ones(N)])
+    pairs = zip(("tension", "pitch"), (force, angle), jacobians, strict=True)
+    tension, pitch = misfits([Block("pull", c, D - part, part, np.full(N, 1e-3), own) for c, part, own in pairs])
+    assert tension.significance > SHOWN
+    assert tension.in_residuals < SHOWN < pitch.in_residuals
+
+
 def test_a_cause_explains_of_a_channel_what_its_own_squares_lose_by_it() -> None:
     """A drift of the pitch would let the parameters follow a curve of the force too: that is no share of the pitch."""
     n, chance = 100, np.random.default_rng(3)
@@ -180,6 +194,15 @@ def test_outliers_are_named_by_their_place() -> None:
     assert set(outliers(curve)) <= {20, 150, 299}
     assert len(outliers(np.repeat([0.0, 1.0], 150))) == 0
     assert len(outliers(np.zeros(300))) == 0
+
+
+def test_the_end_of_a_steep_curve_is_no_outlier() -> None:
+    """As of an angle that is read in another unit: 41 samples that are off by up to 43 deg, with noise of 0.002 deg."""
+    d = np.linspace(0.0, 1.0, 41)
+    for seed in range(20):
+        curve = -43.0 * d * (1.0 + 0.02 * d) + 2e-3 * np.random.default_rng([seed, 3]).standard_normal(41)
+        assert len(outliers(curve)) == 0
+        assert len(outliers(curve[::-1])) == 0
 
 
 def test_noise_that_grows_along_a_record_has_no_outliers() -> None:

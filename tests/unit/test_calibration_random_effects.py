@@ -30,6 +30,16 @@ def test_experiments_that_agree_have_no_spread() -> None:
     assert found.error == pytest.approx(np.sqrt(1 / 3))  # no shorter than by the noise within
 
 
+def test_one_that_is_off_is_a_spread_however_closely_the_others_agree() -> None:
+    """As of four tests with moduli of 1.5, 1.5, 1.5 and 1.02, the last with a larger error by its misfit."""
+    values, errors = np.array([1.5, 1.501, 1.02, 1.4995]), np.array([1e-3, 1e-3, 0.1, 1e-3])
+    found = random_effects(values, errors**2, np.full(4, EXACT))
+    assert found.differs
+    assert found.spread == pytest.approx(np.std(values, ddof=1), rel=0.1)
+    assert found.mean == pytest.approx(values.mean(), abs=0.03)
+    assert found.error == pytest.approx(np.std(values, ddof=1) / 2, rel=0.1)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("k", "dof"), [(3, 3.0), (4, 10.0), (4, EXACT)])
 def test_alike_experiments_are_called_different_one_time_in_twenty(k: int, dof: float) -> None:

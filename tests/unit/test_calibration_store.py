@@ -56,6 +56,7 @@ def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationRe
     assert profile[0][0] < low < high < profile[-1][0]
     assert [list(pair) for pair in result.parameters[E].profile] == profile
     assert held["parameters"][E] == {
+        "off_prior": None,
         "value": result.parameters[E].value,
         "unit": "Pa",
         "at_bound": False,

@@ -170,6 +170,29 @@ def test_plausible_and_not() -> None:
     assert "time in min or ms" in check_plausible(minutes)[0]
 
 
+def test_records_that_end_at_a_limit_never_get_taut_or_are_written_twice_are_suspected() -> None:
+    def said(record: Dataset) -> str:
+        return " ".join(check_plausible(record))
+
+    noisy = ramp(noise=0.05)
+    assert said(noisy) == ""
+    force = noisy.values("tension")
+    saturated = noisy.with_channels(Step("test"), tension=np.minimum(force, 6.0))
+    assert "tension stays at 6 N over 25 rows while shortening changes" in said(saturated)
+    assert said(noisy.with_channels(Step("test"), tension=np.round(force, 0))) == ""  # read in coarse steps
+    assert said(noisy.with_channels(Step("test"), tension=np.maximum(np.round(force - 1.3, 1), 0.0))) == ""  # slack
+    for n in (41, 400):
+        assert "is the cable taut in this record?" in said(ramp(n, slack=30e-3, noise=0.05))
+    shuffled = np.random.default_rng(4).permutation(101)
+    assert "taut" not in said(
+        dataset(**{key: noisy.values(key)[shuffled] for key in ("shortening", "tension", "pitch")})
+    )
+    twice = {key: np.tile(channel.values, 2) for key, channel in noisy.channels.items() if key != "time"}
+    assert "100 of 202 rows repeat earlier ones in every channel" in said(dataset(**twice))
+    there = {key: np.concatenate([values[:101], values[100::-1]]) for key, values in twice.items()}
+    assert "repeat earlier" not in said(dataset(**there))
+
+
 def test_steps_with_units() -> None:
     steps = [
         {"correct_pulley_friction": {"n_pulleys": 2, "friction_coefficient": 0.1, "wrap_angle": "180 deg"}},

@@ -256,6 +256,10 @@ def test_without_intervals_the_reason_is_given() -> None:
     text = sentences(fitted("a", estimates=bare, made=few))[1]
     assert text.endswith("at least as many parameters as measured values.")
     assert sentences(fitted("a", estimates=bare))[1] == "Their error is not known: no intervals could be computed."
+    note = Remark("The data cannot separate a.b and c.d: only a combination of them is determined. Fix one of them.")
+    first, text, _ = sentences(fitted("a", estimates=bare, notes=(note,)))
+    assert first == "The data cannot separate a.b and c.d; E = 1.93 MPa, from one test."
+    assert text == note.text
 
 
 def test_a_trend_follows_the_largest_source() -> None:
@@ -284,6 +288,13 @@ def test_what_contradicts_the_data_stands_before_the_estimates() -> None:
         "Model and bounds contradict the data (best fit beyond the bound of ν by about 4 standard errors); E = "
     )
     (first, *_) = sentences(fitted("a", estimates={E_NAME: E, NU_NAME: replace(at, beyond=1.9)}))
+    assert first.startswith("E = ")
+
+
+def test_a_prior_that_contradicts_the_data_stands_before_the_estimates() -> None:
+    (first, *_) = sentences(fitted("a", estimates={E_NAME: replace(E, off_prior=49.0), NU_NAME: NU}))
+    assert first.startswith("Prior and data contradict each other (that of E by about 49 standard errors); E = ")
+    (first, *_) = sentences(fitted("a", estimates={E_NAME: replace(E, off_prior=2.9)}))
     assert first.startswith("E = ")
 
 

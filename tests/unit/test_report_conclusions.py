@@ -9,8 +9,9 @@ import pytest
 from report_example import E_NAME, NU_NAME
 
 from softcal.analysis.agreement import agreements
+from softcal.calibration.problem.parameters import FreeParameter
 from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
-from softcal.calibration.search.outcome import bound_note, saturated_note
+from softcal.calibration.search.outcome import bound_note, prior_note, saturated_note
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import Spread
 from softcal.cli.calibration_table import print_results
@@ -267,6 +268,30 @@ def test_closeness_is_judged_by_the_range(force: float, word: str) -> None:
     assert f"that is {word}" in told(shifted)
 
 
+@pytest.mark.parametrize(
+    ("factor", "of", "words"),
+    [
+        (np.pi / 180, "pitch of a", "The measured pitch changes 0.017 times as much as the twin's"),
+        (-1.0, "pitch of a", "The measured pitch changes -1.0 times as much as the twin's"),
+        (0.0, "pitch of a, which is constant in the record", ""),
+        (0.7, "pitch of a off by", ""),
+        (0.97, "", ""),
+    ],
+)
+def test_a_channel_that_the_twin_does_not_fit_is_in_the_first_sentence(factor: float, of: str, words: str) -> None:
+    simulated = {"tension": 400.0 * D, "pitch": 1000 * D * DEG}
+    measured = {**simulated, "pitch": factor * simulated["pitch"] + 0.01}
+    rmse = {"tension": 0.0, "pitch": float(np.sqrt(np.mean((measured["pitch"] - simulated["pitch"]) ** 2)))}
+    made = ExperimentFit(rmse, {}, measured, simulated, {"tension": "N", "pitch": "rad"})
+    shown = content({"a": result("a", made=made)})
+    assert verdict(shown).sentences[0].startswith(f"The twin does not fit the measurements ({of}" if of else "E = ")
+    two = content({"a": result("a"), "b": result("b", made=made)})
+    assert ("the twin does not fit all measurements (pitch of b" in verdict(two).sentences[0]) == bool(of)
+    asked = "is its sign, unit, axis or column wrong?"
+    assert (asked in told(shown, "warning")) == bool(words)
+    assert words in told(shown, "warning")
+
+
 def test_an_error_of_the_size_of_the_noise_is_as_close_as_can_be() -> None:
     report = content({"a": result("a", made=fit(1.0))}, sigma=1.0)
     assert "1.0 times the noise of its record); that is within the noise of the record" in told(report, "good")
@@ -318,6 +343,17 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
     free = content(at(0.7))
     assert "best fit is beyond" not in told(free) + verdict(free).text
     assert "within the noise, the data exclude neither this value" in told(free, "warning")
+
+
+def test_warnings_of_a_calibration_are_in_the_report() -> None:
+    parameter = FreeParameter(E_NAME, "Pa", 1e5, 4e7, prior_mean=2e6, prior_sd=1e4)
+    estimate = replace(modulus(1.5), off_prior=49.2)
+    larger = Remark("The residuals of tension are 6.8 times the noise of the records.", "warning")
+    notes = (larger, prior_note(parameter, estimate))
+    of = content({"a": result("a", estimates={E_NAME: estimate}, notes=notes)})
+    assert larger.text in told(of, "warning")
+    assert f"{E_NAME} is about 49 standard errors from the mean of its prior, 2 MPa with" in told(of, "warning")
+    assert verdict(of).tone == "warning"
 
 
 def test_a_parameter_is_identified_or_not_by_its_interval() -> None:

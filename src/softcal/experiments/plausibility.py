@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 
@@ -23,6 +24,8 @@ _REPEATED = 0.1  # share of rows that may repeat the one before, as at a standst
 _CHANCE = 2  # distinct values, which two tests may well have in common
 _ATMOSPHERE = 101_325.0  # [Pa]
 _ATMOSPHERIC = 0.05  # of it, within which a record of an absolute pressure begins
+_STILL = 5  # rows of the same value at the end of a channel's range: fewer are chance
+_SCATTER = 6.0  # standard errors by which the mean of some bins may differ from another's without a trend
 _FLOOR = 0.1  # share of the effort's range that still counts as slack
 
 
@@ -87,7 +90,43 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
             f"{repeats} of {dataset.n_samples} rows repeat the one before in every channel. Each counts as an "
             "independent measurement, so standard errors are too small if rows were written more than once."
         )
+    else:
+        pairs = np.column_stack([table[:-1], table[1:]])[np.any(table[1:] != table[:-1], axis=1)]
+        again = len(pairs) - len(np.unique(pairs, axis=0))
+        if again > _REPEATED * dataset.n_samples:
+            warnings.append(
+                f"{again} of {dataset.n_samples} rows repeat earlier ones in every channel, in the same order: is a "
+                "part of the record in the file twice? Each row counts as an independent measurement."
+            )
+    warnings += [] if warnings else _limits(dataset)
     return tuple(f"{dataset.name}: {warning}" for warning in warnings)
+
+
+def _limits(dataset: Dataset) -> list[str]:
+    """A sentence for each channel that stays exactly at its largest excursion while the robot is moved on."""
+    of = driven_whole(dataset)
+    if of is None or of.coordinate not in dataset.channels:
+        return []
+    coordinate, found = dataset.values(of.coordinate), list[str]()
+    for key, channel in dataset.channels.items():
+        values = channel.values
+        if key in ("time", of.coordinate) or not np.all(np.isfinite(values)) or np.ptp(values) == 0.0:
+            continue
+        far = values[int(np.argmax(np.abs(values - values[0])))]
+        ends = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))
+        runs = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
+        lengths = [run.stop - run.start for run in runs]
+        at = max(range(len(runs)), key=lambda k: (values[runs[k]][0] == far, lengths[k]))
+        # Of coarse readings, and of a slack cable at the start, other values are repeated as often.
+        others = max((n for k, n in enumerate(lengths) if k not in (0, at)), default=0)
+        n, moved = lengths[at], float(np.ptp(coordinate[runs[at]]))
+        if n >= max(_STILL, 3 * others) and moved > _FLOOR * float(np.ptp(coordinate)):
+            unit, factor = ("deg", np.degrees(1.0)) if channel.unit == "rad" else (channel.unit, 1.0)
+            found.append(
+                f"{key} stays at {factor * far:.4g} {unit} over {n} rows while {of.coordinate} changes: has the "
+                "instrument reached its limit? The step window leaves such rows out"
+            )
+    return found
 
 
 def suspected_zeros(prepared: Dataset) -> tuple[str, ...]:
@@ -150,6 +189,13 @@ def _stiffness(dataset: Dataset) -> list[str]:
         measured, unit = dataset.values(of.effort), of.units[1]
         ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
         return [f"{of.effort} does not rise with {of.coordinate} ({ends}): is it the right column?"]
+    in_order = effort[np.argsort(coordinate, kind="stable")]
+    scatter = float(np.std(np.diff(in_order))) / np.sqrt(2.0)
+    if of.is_cable and np.ptp(force) < _SCATTER * scatter / np.sqrt(len(effort) / len(s)):
+        return [
+            f"{of.effort} changes with {of.coordinate} by no more than its scatter of {scatter:.3g} {of.units[1]}: is "
+            "the cable taut in this record?"
+        ]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
     (coordinate_kind, effort_kind), shown = of.kinds, of.slope_in_words(median)
     lower, upper = effort_kind.slope or (0.0, np.inf)

@@ -218,7 +218,9 @@ def not_numbers(table: Table, places: Mapping[str, int], held: Columns) -> list[
         n, cells = n_lines * len(odd), [cell for one in odd.values() for cell in one.cells]
         n_left = table.last_line - lines[0] + 1  # lines from the first of them to the end
         attempt = f"units_row: {lines[0]}, if it has the units" if lines[0] == table.first_line and n_lines == 1 else ""
-        if all(_THOUSANDS.fullmatch(cell) for cell in cells):
+        if not any(cells):
+            attempt = "a file without these lines, or with values there: only positions of markers may be missing"
+        elif all(_THOUSANDS.fullmatch(cell) for cell in cells):
             attempt = "numbers without a mark between thousands"
         elif n_left <= _FOOTER and sum(i >= lines[0] for numbers, _ in table.rows() for i in numbers) == n_lines:
             attempt = f"skip_footer: {n_left}, to leave the end of the file out"

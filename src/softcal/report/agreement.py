@@ -49,6 +49,7 @@ STEPS = "Instruments are read in steps larger than the residuals"
 ALIKE = "Neighbouring residuals are alike"
 _OFF = 0.25  # of an interval's half-length: a value so far from the mean whose interval it is shown with is explained
 _CAUSE = 0.2  # share of a curve's squares from which a cause is named
+_LEAST = 0.005  # a smaller share would be shown as 0 %
 _NAMED = 20  # outliers of a channel at most
 _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
@@ -275,7 +276,7 @@ def _shares_text(causes: Iterable[tuple[str, float]]) -> str:
 def _cause_text(fit: ExperimentFit, experiment: str, channel: str, one: ResidualRecord) -> str:
     """The cause in residuals beside noise, its significance, and the share that it explains."""
     size = format_quantity(one.size, fit.units[channel], digits=2)
-    causes = _shares_text(list(one.explained.items())[:2])
+    causes = _shares_text(pair for pair in list(one.explained.items())[:2] if pair[1] > _LEAST)
     by = (
         f"of the squares relative to the noise {causes}" if causes else "no cause that explains it is within the record"
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.record import RecordFit
-from softcal.calibration.results.result import SearchResult
+from softcal.calibration.results.result import ExperimentFit, SearchResult
 from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.experiments.dataset import Dataset
 from softcal.report.content import ReportContent
@@ -26,13 +26,16 @@ from softcal.sensing.channel import WORDS, ChannelName, channel_name, in_a_word
 CLOSE, POOR = 0.03, 0.10
 # An RMS error up to this many times the noise of the record counts as noise.
 _NOISE = 1.2
+# The measured values are a multiple of the twin's from this correlation on, and within a factor of so much near them.
+_MULTIPLE, _NEAR = 0.8, 2.0
 
 
 @dataclass(frozen=True)
 class Miss:
     """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the noise if known.
 
-    word: for its kind; carrier: the actuator, plate or sensor, "" of a short name.
+    word: for its kind; carrier: the actuator, plate or sensor, "" of a short name; multiple: by how much the measured
+    values are a multiple of the twin's, but for an offset, 1 where they are near them or no multiple.
     """
 
     experiment: str
@@ -42,6 +45,12 @@ class Miss:
     share: float | None
     in_noise: float | None
     carrier: str = ""
+    multiple: float = 1.0
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether the channel by itself is reproduced poorly."""
+        return closeness([self])[1] == "warning"
 
     @property
     def size(self) -> str:
@@ -71,7 +80,21 @@ def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Mis
             elif channel in channels:
                 sigma = channels[channel].sigma
             in_noise = error / sigma if sigma else None
-            yield Miss(name, word, error, of.kind.unit, share_of_range(fit, channel), in_noise, of.carrier)
+            share, multiple = share_of_range(fit, channel), _multiple(fit, channel)
+            yield Miss(name, word, error, of.kind.unit, share, in_noise, of.carrier, multiple)
+
+
+def _multiple(fit: ExperimentFit, channel: str) -> float:
+    if channel not in fit.measured or channel not in fit.simulated:
+        return 1.0
+    measured, simulated = fit.measured[channel], fit.simulated[channel]
+    y, x = (one[np.isfinite(measured) & np.isfinite(simulated)] for one in (measured, simulated))
+    if len(y) < 3 or np.ptp(y) == 0.0 or np.ptp(x) == 0.0:
+        return 1.0
+    y, x = y - y.mean(), x - x.mean()
+    factor = float(x @ y) / float(x @ x)
+    is_multiple = abs(float(x @ y)) > _MULTIPLE * float(np.linalg.norm(x) * np.linalg.norm(y))
+    return factor if is_multiple and not 1.0 / _NEAR < factor < _NEAR else 1.0
 
 
 def in_words(channels: Iterable[str]) -> list[tuple[ChannelName, str]]:
@@ -99,7 +122,8 @@ def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[Remark]:
     )
     for name, missed in first:
         word, tone = closeness(missed)
-        yield Remark(f"{name}: the twin reproduces {joined(map(miss_text, missed))}; {word}.", tone)
+        asked = "".join(f" {text}" for miss in missed if miss.is_poor and (text := multiple_text(miss)))
+        yield Remark(f"{name}: the twin reproduces {joined(map(miss_text, missed))}; {word}.{asked}", tone)
     if left := [miss for _, missed in others for miss in missed]:
         word, tone = closeness(left)
         texts = filter(None, (worst_of(left, word) for word in dict.fromkeys(miss.word for miss in left)))
@@ -133,6 +157,25 @@ def miss_text(miss: Miss) -> str:
     parts = [] if miss.share is None else [f"{number(100 * miss.share, 2)} % of its range"]
     parts += [] if miss.in_noise is None else [f"{number(miss.in_noise, 2)} times the noise of its record"]
     return f"the {miss.of} to {miss.size} RMS" + (f" ({', '.join(parts)})" if parts else "")
+
+
+def multiple_text(miss: Miss) -> str:
+    """Sentence on measured values that are a multiple of the twin's; "" where they are none."""
+    if miss.multiple == 1.0:
+        return ""
+    by = number(miss.multiple, 2)
+    return f"The measured {miss.of} changes {by} times as much as the twin's: is its sign, unit, axis or column wrong?"
+
+
+def poor_text(misses: Iterable[Miss]) -> str:
+    """The channel that is reproduced worst: "pitch of a off by 54 % of its range"; "" where none is poor."""
+    poor = [miss for miss in misses if miss.is_poor]
+    if not poor:
+        return ""
+    far = max(poor, key=lambda miss: np.inf if miss.share is None else miss.share)
+    if far.share is None:
+        return f"{far.of} of {far.experiment}, which is constant in the record"
+    return f"{far.of} of {far.experiment} off by {number(100 * far.share, 2)} % of its range"
 
 
 def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:

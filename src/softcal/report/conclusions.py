@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from softcal.analysis.agreement import agreements
 from softcal.calibration.results.digits import interval_share
 from softcal.calibration.results.result import SearchResult
-from softcal.calibration.search.outcome import beyond_text, saturated_note
+from softcal.calibration.search.outcome import beyond_text, bound_note, saturated_note
 from softcal.calibration.statistics.estimate import Remark, Tone
 from softcal.report.agreement import (
     agreement_sentences,
@@ -81,7 +81,8 @@ def verdict(content: ReportContent) -> Verdict:
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
     told = any(not one.is_determined for one in of.material)  # the second sentence says so
     doubts = [*(grave or ([] if told else others[:1])), *_stability(content)]
-    tone: Tone = "warning" if doubts or others or is_poor(of) else "good"
+    off = any(one.contradicts_prior for result in results.values() for one in result.parameters.values())
+    tone: Tone = "warning" if doubts or others or off or is_poor(of) else "good"
     return Verdict(tuple(doubt.text for doubt in doubts), tuple(three_sentences(of)), tone)
 
 
@@ -307,14 +308,16 @@ def _stability(content: ReportContent) -> Iterable[Remark]:
 
 def _notes(results: Mapping[str, SearchResult]) -> Iterable[Remark]:
     """The notes of the calibrations, each once; with their labels where not all calibrations have the note."""
-    found: dict[str, list[str]] = {}
+    found: dict[tuple[str, Tone], list[str]] = {}
     for label, result in results.items():
+        own = {bound_note(name, one).text for name, one in result.parameters.items() if one.at_bound}
+        own |= {saturated_note(result).text} if result.is_saturated else set()
         for note in result.notes:
-            if note.tone == "note":  # each warning is a sentence of its own
-                found.setdefault(note.text, []).append(result_label(label))
-    for note, labels in found.items():
+            if note.text not in own:  # these are sentences of their own
+                found.setdefault((note.text, note.tone), []).append(result_label(label))
+    for (note, tone), labels in found.items():
         of = "" if len(labels) == len(results) else f"{joined(few(labels))}: "
-        yield Remark(f"{of}{_sentence(note)}", "note")
+        yield Remark(f"{of}{_sentence(note)}", tone)
 
 
 def _sentence(text: str) -> str:

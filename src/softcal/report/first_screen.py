@@ -16,9 +16,10 @@ from softcal.calibration.results.result import SearchResult, SweepResult
 from softcal.calibration.statistics.budget import BOUNDS
 from softcal.calibration.statistics.random_effects import WORDS, Spread
 from softcal.calibration.statistics.residuals import FEWEST, ResidualRecord
+from softcal.calibration.statistics.sensitivity import INSEPARABLE, NO_EFFECT
 from softcal.experiments.dataset import Dataset
 from softcal.report.agreement import range_text, trend_sentences
-from softcal.report.closeness import Miss, closeness, misses_of, worst_of
+from softcal.report.closeness import Miss, closeness, misses_of, poor_text, worst_of
 from softcal.report.content import judged
 from softcal.report.format import (
     joined,
@@ -153,6 +154,8 @@ def _estimates(of: FirstScreen) -> str:
                 parts.append(f"{label} not determined in any test")
         early = joined(result_label(label) for label, result in results.items() if result.missed_minimum)
         doubt = f"; not found yet: the minimum of {early}" if early else ""
+        if not any(result.is_saturated for result in results.values()) and (poor := poor_text(_misses(of))):
+            doubt += f"; the twin does not fit all measurements ({poor})"
         return f"{joined(parts)}, from {len(results)} separate fits{doubt}."
     parts = [one.sentence for one in material[:_FEW]]
     parts += [f"{len(material) - _FEW} more"] if len(material) > _FEW else []
@@ -164,7 +167,15 @@ def _estimates(of: FirstScreen) -> str:
         by = joined(f"{parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in beyond.items())
         far = f"best fit beyond the bound of {by} standard errors"
         doubts.append(f"model and bounds contradict the data ({far})")
-    for name, spread in _contradictions(result, names).items():
+    if off := {name: one.off_prior for name, one in result.parameters.items() if one.contradicts_prior}:
+        by = joined(f"of {parameter_label(name, result.parameters)} by about {far:.0f}" for name, far in off.items())
+        doubts.append(f"prior and data contradict each other (that {by} standard errors)")
+    if any(not one.has_interval for one in material) and (why := _inseparable(result)):
+        doubts.append(why[:1].lower() + why.partition(":")[0][1:])
+    apart = _contradictions(result, names)  # of which a poor fit follows
+    if not apart and not result.is_saturated and (poor := poor_text(_misses(of))):
+        doubts.append(f"the twin does not fit the measurements ({poor})")
+    for name, spread in apart.items():
         estimate, values = result.parameters[name], spread.values.values()
         ends = with_unit(estimate, f"{shown(estimate, min(values))} to {shown(estimate, max(values))}")
         doubts.append(f"no single {parameter_label(name, result.parameters)} fits the {WORDS[spread.kind]} ({ends})")
@@ -270,9 +281,16 @@ def _unknown(of: FirstScreen) -> str:
         why = "the search did not converge"
     elif result.is_saturated:
         why = "there are at least as many parameters as measured values"
+    elif why := _inseparable(result):
+        return why
     else:
         why = "no intervals could be computed"
     return f"Their error is not known: {why}."
+
+
+def _inseparable(result: SearchResult) -> str:
+    """The note on parameters that the data do not determine; "" without one."""
+    return next((note.text for note in result.notes if note.text.startswith((INSEPARABLE, NO_EFFECT))), "")
 
 
 def _misses(of: FirstScreen) -> list[Miss]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from softcal.calibration.problem.experiment import PULLEY_FRICTION, Experiment
 from softcal.calibration.problem.loss import Block
-from softcal.calibration.problem.parameters import SearchSpace
+from softcal.calibration.problem.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem.problem import Evaluation, Problem
 from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.results.fit import experiment_fit, missing_rows
@@ -162,7 +162,7 @@ def _residuals(experiments: Iterable[Experiment], blocks: Sequence[Block]) -> di
             rows = np.flatnonzero(experiment.seen(block.channel))[outliers(block.residual)]
             known = replace(
                 record,
-                significance=misfit.significance,
+                significance=misfit.in_residuals,
                 outliers=tuple(int(row) + 1 for row in rows),
                 step=step_of_readings(block.measured, block.residual),
             )
@@ -222,6 +222,9 @@ def _notes(
     problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[Trial, ...], n_failed: int
 ) -> list[Remark]:
     notes = [bound_note(name, estimate) for name, estimate in parameters.items() if estimate.at_bound]
+    notes += [
+        prior_note(p, parameters[p.label]) for p in problem.space.parameters if parameters[p.label].contradicts_prior
+    ]
     if problem.left_out:
         notes.append(Remark(problem.left_out, "warning"))
     for experiment in problem.experiments:
@@ -262,6 +265,17 @@ def bound_note(label: str, estimate: Estimate) -> Remark:
 def beyond_text(estimate: Estimate) -> str:
     """End of a sentence on the distance of the best fit beyond a bound that it contradicts."""
     return f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {CONTRADICTED}."
+
+
+def prior_note(parameter: FreeParameter, estimate: Estimate) -> Remark:
+    """Warning of a prior that contradicts the data."""
+    mean, sd = (format_quantity(size or 0.0, parameter.unit) for size in (parameter.prior_mean, parameter.prior_sd))
+    text = (
+        f"{parameter.label} is about {estimate.off_prior:.0f} standard errors from the mean of its prior, {mean} with "
+        f"a standard deviation of {sd}: prior and data contradict each other, so that one of them or the model is "
+        "wrong; the errors of this fit are multiplied by the largest such number."
+    )
+    return Remark(text, "warning")
 
 
 def saturated_note(result: SearchResult) -> Remark:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from softcal.calibration.problem.parameters import Scale
 from softcal.calibration.problem.uncertain import EACH
 from softcal.calibration.statistics.budget import BOUNDS
+from softcal.calibration.statistics.intervals import OFF_PRIOR
 from softcal.calibration.statistics.noise import DRIFT
 from softcal.declare import Checked
 from softcal.display import displayed
@@ -87,6 +88,9 @@ class Estimate:
     moved_by
         Systematic error of an instrument, such as `front.tension_gain`, on which nothing is stated -> its size [SI]
         that moves the estimate by half its interval; of each instrument the smallest. Of parameters of the robot.
+    off_prior
+        Distance of the estimate from the mean of its prior, in standard errors of this distance [-]; None without a
+        prior, and where that is not known.
     """
 
     value: float
@@ -103,6 +107,7 @@ class Estimate:
     dof: float | None = None
     profile: tuple[tuple[float, float], ...] = ()
     moved_by: Mapping[str, float] = field(default_factory=dict[str, float])
+    off_prior: float | None = None
 
     @property
     def noise_error(self) -> float | None:
@@ -125,6 +130,11 @@ class Estimate:
         explains.
         """
         return self.beyond is not None and self.beyond > BEYOND
+
+    @property
+    def contradicts_prior(self) -> bool:
+        """Whether the data contradict its prior: they are further from each other than chance explains."""
+        return self.off_prior is not None and self.off_prior > OFF_PRIOR
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "of", tuple(self.of))

@@ -47,7 +47,7 @@ from softcal.calibration.statistics.between_experiments import (
 )
 from softcal.calibration.statistics.budget import Budget
 from softcal.calibration.statistics.correlation import ErrorRecord, triangle
-from softcal.calibration.statistics.intervals import beyond_bounds, contradiction
+from softcal.calibration.statistics.intervals import beyond_bounds, contradiction, prior_distances
 from softcal.calibration.statistics.misfit import misfits
 from softcal.calibration.statistics.noise import (
     DRIFT,
@@ -86,6 +86,8 @@ class Estimator:
         Unidentifiable directions, to which no residual is sensitive, rows.
     beyond
         Distance of the best fit from each parameter's active bounds, in standard errors, shape (size,).
+    off_prior
+        Distance of each parameter from the mean of its prior, in standard errors, shape (size,).
     dof
         Of each parameter's variance (Satterthwaite), shape (size,), infinite where all noise is known.
     noise
@@ -113,6 +115,7 @@ class Estimator:
     minimum: Floats
     unseen: Floats
     beyond: Floats
+    off_prior: Floats
     dof: Floats
     noise: Mapping[str, Noise]
     spent: tuple[str, ...]
@@ -126,10 +129,10 @@ class Estimator:
 
     @property
     def contradiction(self) -> float:
-        """By how much model and bounds contradict the data (`intervals.py`), at least one: the factor
+        """By how much model and bounds, or a prior, contradict the data (`intervals.py`), at least one: the factor
         on all errors that is in `root`, `variances`, `dof` and `within_bounds`.
         """
-        return contradiction(self.beyond)
+        return contradiction(self.beyond, self.off_prior)
 
 
 @dataclass(frozen=True)
@@ -172,13 +175,14 @@ def estimator(
 
 @dataclass(frozen=True)
 class Minimum:
-    """The fields of an `Estimator`, with its budget in two parts: that without the factor of the bounds' contradiction,
+    """The fields of an `Estimator`, with its budget in two parts: that without the factor of a contradiction,
     and that of what the model misses, which this factor does not multiply.
     """
 
     minimum: Floats
     unseen: Floats
     beyond: Floats
+    off_prior: Floats
     noise: Mapping[str, Noise]
     spent: tuple[str, ...]
     between: tuple[Between, ...]
@@ -191,7 +195,7 @@ class Minimum:
     @cached_property
     def budget(self) -> Budget:
         """The budget of all errors, those but the misfits multiplied by the `contradiction`."""
-        factor = contradiction(self.beyond)
+        factor = contradiction(self.beyond, self.off_prior)
         own = self.without_contradiction.times(factor) if factor > 1.0 else self.without_contradiction
         return own.joined(self.misfits)
 
@@ -202,6 +206,7 @@ class Minimum:
             self.minimum,
             self.unseen,
             self.beyond,
+            self.off_prior,
             self.budget.dof,
             self.noise,
             self.spent,
@@ -267,7 +272,14 @@ class Estimators:
         if not spent:
             beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
         misfits, changes = linear.of(misfit_sources(parts)), tuple(one.missed for one in blocks)
-        return Minimum(minimum, unseen, beyond, noise, spent, compared, held, set_ups, budget, misfits, changes)
+        off = np.zeros(len(self._z))
+        if not spent:
+            step = minimum - self._z
+            priors = [
+                (p.answer[0], p.pull[0], float(p.residual[0] + p.answer[0] @ step)) for p in parts if not p.experiment
+            ]
+            off = np.where(known, prior_distances(priors, inverse, budget.joined(misfits).root, minimum), 0.0)
+        return Minimum(minimum, unseen, beyond, off, noise, spent, compared, held, set_ups, budget, misfits, changes)
 
 
 def _named(part: ScaledBlock, experiment: str) -> ScaledBlock:

@@ -7,7 +7,8 @@ parameters, exceeds the least one in the box by at most t^2, t being Student's. 
 the others too. Where no bound is near this is the usual value -+ t standard errors. An end at a bound means that the
 data do not exclude the bound; a parameter at its bound may move off it, as far as the data allow, and the others with
 it. Where the minimum lies beyond a bound by more than one standard error, model and bounds contradict the data by that
-much, and all errors are multiplied by it (`contradiction`), as by Birge's ratio (Physical Review 40, 1932).
+much, and all errors are multiplied by it (`contradiction`), as by Birge's ratio (Physical Review 40, 1932); so do a
+prior and the data that are more than three standard errors from each other (`prior_distances`).
 
 The standard error is half the interval's length over t, computed without the parameter's own bounds. A variable that
 maps the bounds to infinity (a logit) would not do: the response of elements that do not lock is smooth up to nu = 0.5,
@@ -16,6 +17,7 @@ and an interval in logit(nu) excludes the values next to it, however uninformati
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -23,8 +25,11 @@ import numpy as np
 from softcal.checks import Floats
 
 CONFIDENCE = 0.95
+OFF_PRIOR = 3.0  # standard errors
+"""A prior contradicts the data where they are further from each other than this."""
 _NEAR = 1e-9  # standard errors
 _DOUBLINGS = 60
+_ALONE = 1e-6  # of a prior's variance: with less the prior alone determines the parameter
 
 
 def box_intervals(z: Floats, minimum: Floats, root: Floats, dof: Floats) -> tuple[Floats, Floats]:
@@ -68,13 +73,42 @@ def beyond_bounds(minimum: Floats, root: Floats) -> Floats:
     return np.array([profile.held_by(j) for j in range(len(minimum))])
 
 
-def contradiction(beyond: Floats) -> float:
-    """By how much model and bounds contradict the data, at least one: the largest of `beyond_bounds`.
+def contradiction(beyond: Floats, off_prior: Floats) -> float:
+    """By how much model and bounds, or a prior, contradict the data, at least one: the largest of `beyond_bounds`, and
+    of the `prior_distances` that chance does not explain.
 
     It is a residual of one degree of freedom, with the expectation of one where the model is right. Of what makes it
     larger, in the robot's law or the rig, the other parameters bear as much as this one.
     """
-    return float(beyond.max(initial=1.0))
+    return float(max(beyond.max(initial=1.0), off_prior.max(initial=0.0, where=off_prior > OFF_PRIOR)))
+
+
+def prior_distances(
+    priors: Sequence[tuple[Floats, Floats, float]], inverse: Floats, root: Floats, minimum: Floats
+) -> Floats:
+    """Distance of each parameter (size,) from the mean of its prior, in standard errors of this distance; zero without
+    a prior.
+
+    With the weight w of the prior in the estimate, whose variance is V in units of the prior's, the variance of the
+    distance is (1 - w)^2 by the prior and V - w^2 by the data.
+
+    Parameters
+    ----------
+    priors
+        Of each prior: derivative (size,) and pull (size,) of its residual in units of its standard deviation, and the
+        residual at the minimum.
+    inverse
+        Of half the loss's Hessian (size, size).
+    root, minimum
+        As for `box_intervals`.
+    """
+    found = np.zeros(len(minimum))
+    for answer, pull, residual in priors:
+        weight = float(pull @ inverse @ answer)
+        variance = max(float(np.sum((root @ answer) ** 2)) - weight**2, 0.0) + (1.0 - weight) ** 2
+        if variance > _ALONE:
+            found[int(np.argmax(np.abs(answer)))] = abs(residual) / np.sqrt(variance)
+    return found
 
 
 def student(dof: Floats) -> Floats:

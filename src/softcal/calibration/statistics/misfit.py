@@ -36,13 +36,18 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 @dataclass(frozen=True)
 class Misfit:
     """Of a channel: cause no larger than the record -> the share [-] of its squared residuals that it explains, the
-    clearest first; how many standard errors the clearest shape of a cause of any size is worth; and the changes (n, k)
-    of the residual by these causes but contact, each times the root of its probability among them, None without one.
+    clearest first; how many standard errors the clearest shape of a cause of any size is worth; the changes (n, k)
+    of the residual by these causes but contact, each times the root of its probability among them, None without one;
+    and how many of these standard errors are in the channel's own residuals.
+
+    The last is at most what the shape and the parameters together take off the squares of these residuals. It is less
+    where the loss is no likelihood: what one channel misses, the parameters could move to another, but have not.
     """
 
     explained: Mapping[str, float]
     significance: float
     changes: Floats | None = None
+    in_residuals: float = 0.0
 
 
 def misfits(blocks: Sequence[Block]) -> list[Misfit]:
@@ -54,14 +59,15 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
     scales = np.where(sizes > 0.0, sizes, 1.0)
     records = [_whitened(block, J / scales) for block, J in zip(blocks, jacobians, strict=True)]
     basis = span(np.concatenate([one.answer for one in records]))
-    residual = _without(basis, np.concatenate([one.residual for one in records]))
+    whole_residual = np.concatenate([one.residual for one in records])
+    residual = _without(basis, whole_residual)
     found: list[Misfit] = []
     start = 0
     for one in records:
         rows = slice(start, start + len(one.residual))
         start = rows.stop
         square = max(float(residual[rows] @ residual[rows]), 1e-300)
-        significance = 0.0
+        significance = in_residuals = 0.0
         worth: dict[str, tuple[float, float]] = {}
         changes: dict[str, Floats] = {}
         for cause, shape, plain in one.shapes:
@@ -76,6 +82,8 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
             pair = abs(along) / math.sqrt(size), max(1.0 - float(after @ after) / square, 0.0)
             if cause != CONTACT:
                 significance = max(significance, pair[0])
+                own = span(np.column_stack([one.answer, shape])).T @ whole_residual[rows]
+                in_residuals = max(in_residuals, min(pair[0], float(np.linalg.norm(own))))
             if float(np.abs(change := along / size * plain).max()) <= one.largest:
                 worth[cause], changes[cause] = max(worth.get(cause, pair), pair), change
         # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
@@ -86,7 +94,7 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
         likelihoods = np.exp([(worth[cause][0] ** 2 - clearest**2) / 2.0 for cause in causes])
         likely = [np.sqrt(p / likelihoods.sum()) * changes[c] for c, p in zip(causes, likelihoods, strict=True)]
         explained = {cause: share for cause, (_, share) in ordered}
-        found.append(Misfit(explained, significance, np.column_stack(likely) if likely else None))
+        found.append(Misfit(explained, significance, np.column_stack(likely) if likely else None, in_residuals))
     return found
 
 

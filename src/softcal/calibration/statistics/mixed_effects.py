@@ -2,10 +2,13 @@
 
     y_i = x_i . beta + b_i + e_i,    b_i ~ N(0, tau^2),    e_i ~ N(0, v_i)
 
-tau^2 is found by REML. Its interval is that of the Q profile (Viechtbauer, Statistics in Medicine 26, 2007): the values
-of tau^2 at which the weighted sum of squares is no rare value of chi-square. Intervals and tests of beta are those of
-Knapp and Hartung (Statistics in Medicine 22, 2003), by Student's t and by F, with as many degrees of freedom as there
-are estimates less coefficients. With a design of ones, beta is a mean.
+tau^2 is found by REML. Where one estimate is off and the others agree closely, REML may call it an error of that one,
+with a tau of zero, although chance does not explain it. Where it is below its interval, tau^2 is that at which the
+weighted sum of squares is its expectation (Paule and Mandel, Journal of Research of the NBS 87, 1982). The interval of
+tau^2 is that of the Q profile (Viechtbauer, Statistics in Medicine 26, 2007): the values at which the weighted sum of
+squares is no rare value of chi-square. Intervals and tests of beta are those of Knapp and Hartung (Statistics in
+Medicine 22, 2003), by Student's t and by F, with as many degrees of freedom as there are estimates less coefficients.
+With a design of ones, beta is a mean.
 """
 
 from __future__ import annotations
@@ -89,10 +92,13 @@ def mixed_effects(values: Floats, variances: Floats, design: Floats | None = Non
         method="bounded",
     )
     tau2 = float(np.exp(found.x)) if found.fun < _restricted(0.0, values, variances, X) else 0.0
+    low, high = _profile(values, variances, X)
+    if tau2 < low**2:
+        tau2 = _at_squares(float(k - p), values, variances, X)
     beta, inverse, squares = _fitted(tau2, values, variances, X)
     # Never shorter than by the errors alone.
     covariance = max(1.0, squares / (k - p)) * inverse
-    return MixedEffects(beta, covariance, k - p, float(np.sqrt(tau2)), _profile(values, variances, X))
+    return MixedEffects(beta, covariance, k - p, float(np.sqrt(tau2)), (low, high))
 
 
 def _restricted(tau2: float, values: Floats, variances: Floats, X: Floats) -> float:
@@ -110,21 +116,24 @@ def _fitted(tau2: float, values: Floats, variances: Floats, X: Floats) -> tuple[
 
 def _profile(values: Floats, variances: Floats, X: Floats) -> tuple[float, float]:
     """The 95 % interval of tau."""
-    from scipy.optimize import brentq
     from scipy.special import chdtri
 
     tail, dof = 0.5 * (1.0 - CONFIDENCE), X.shape[0] - X.shape[1]
-    ends: list[float] = []
-    for quantile in (float(chdtri(dof, tail)), float(chdtri(dof, 1.0 - tail))):
+    low, high = (float(chdtri(dof, chance)) for chance in (tail, 1.0 - tail))
+    low, high = (np.sqrt(_at_squares(squares, values, variances, X)) for squares in (low, high))
+    return float(low), float(high)
 
-        def excess(tau2: float, quantile: float = quantile) -> float:
-            return _fitted(tau2, values, variances, X)[2] - quantile
 
-        if excess(0.0) <= 0.0:
-            ends.append(0.0)
-            continue
-        most = float(np.var(values)) + float(variances.max())
-        while excess(most) > 0.0:
-            most *= 4.0
-        ends.append(float(np.sqrt(cast("float", brentq(excess, 0.0, most, xtol=1e-9 * most)))))
-    return ends[0], ends[1]
+def _at_squares(squares: float, values: Floats, variances: Floats, X: Floats) -> float:
+    """The tau^2 at which the weighted sum of squares is this; zero where it is less without any."""
+    from scipy.optimize import brentq
+
+    def excess(tau2: float) -> float:
+        return _fitted(tau2, values, variances, X)[2] - squares
+
+    if excess(0.0) <= 0.0:
+        return 0.0
+    most = float(np.var(values)) + float(variances.max())
+    while excess(most) > 0.0:
+        most *= 4.0
+    return cast("float", brentq(excess, 0.0, most, xtol=1e-9 * most))

@@ -130,7 +130,9 @@ def outliers(residual: Floats) -> np.ndarray:
     if n < FEWEST_OF_CURVE:
         return np.zeros(0, dtype=np.intp)
     off_median = residual - median_filter(residual, size=_AROUND, mode="mirror")
-    off_parabola = convolve1d(residual, np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, mode="mirror")
+    off_parabola = np.abs(convolve1d(residual, np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, mode="mirror"))
+    for end in (slice(4), slice(-1, -5, -1)):  # where mirrored neighbours make any steep curve a peak
+        off_parabola[end][:2] = np.minimum(off_parabola[end][:2], abs(np.diff(residual[end], 3)[0]) / 2.0)
     far = np.flatnonzero(_is_far(off_median) & _is_far(off_parabola))
     return far if len(far) <= _SINGLE * n else far[:0]
 

@@ -41,6 +41,7 @@ _TOO_LARGE = 1.5
 _TOGETHER = 0.5
 """Two parameters whose standard error falls below this share of itself when the other is known move together."""
 INCLUDED = "The intervals include"
+INSEPARABLE, NO_EFFECT = "The data cannot separate", "The data do not depend on"
 NOT_INCLUDED = (
     INCLUDED + " the noise and its correlation along the records{}. Not included: errors {}of the material law and of "
     "the {}model of the rig that are the same in all tests and leave no residual."
@@ -85,6 +86,8 @@ class Statistics:
         Label -> degrees of freedom of the variance [-], where these are finite.
     moved_by
         Label of a parameter of the robot -> errors of instruments that move it by half its interval; see `Estimate`.
+    off_prior
+        Label of a parameter with a prior -> distance from the prior's mean, in standard errors [-].
     is_exact
         Whether a channel is fitted exactly, so that there are no intervals.
     """
@@ -102,6 +105,7 @@ class Statistics:
     minimum: Mapping[str, float] = field(default_factory=dict[str, float])
     dof: Mapping[str, float] = field(default_factory=dict[str, float])
     moved_by: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    off_prior: Mapping[str, float] = field(default_factory=dict[str, float])
     is_exact: bool = False
 
     def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
@@ -122,6 +126,7 @@ class Statistics:
                 self.shares.get(p.label, {}),
                 self.dof.get(p.label),
                 moved_by=self.moved_by.get(p.label, {}),
+                off_prior=self.off_prior.get(p.label),
             )
             for p in space.parameters
         }
@@ -240,6 +245,7 @@ def local_statistics(
         minimum,
         dof,
         moved_by,
+        {space.labels[j]: float(found.off_prior[j]) for j in known if space.parameters[j].prior_mean is not None},
     )
 
 
@@ -328,9 +334,9 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
         *others, last = (label for label, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed)
-        text = f"The data do not depend on {last}: its value is arbitrary and no standard error is given."
+        text = f"{NO_EFFECT} {last}: its value is arbitrary and no standard error is given."
         if others:
-            text = f"The data cannot separate {', '.join(others)} and {last}: only a combination of them is determined."
+            text = f"{INSEPARABLE} {', '.join(others)} and {last}: only a combination of them is determined."
             text += " Fix one of them, or state a prior of one."
         notes.append(Remark(text))
     differing = next((one.kind for one in found.between if one.effects.differs), None)

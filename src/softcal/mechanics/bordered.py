@@ -155,10 +155,17 @@ class BorderedTangent:
         self._columns_solved = solved
 
     def solve(self, b: Floats, accuracy: float = EXACT, guess: Floats | None = None) -> Floats:
-        """The unknowns' response to b (n_unknowns,) or (n_unknowns, k) with the tangent taken last.
+        """The unknowns' response with the tangent taken last.
 
-        accuracy: relative error where it is solved by iteration, and of an even force's odd part, or the reverse, where
-        the tangent mirrors itself; guess: where the iteration begins, as b.
+        Parameters
+        ----------
+        b
+            Right sides (n_unknowns,) or (n_unknowns, k).
+        accuracy
+            Relative error where it is solved by iteration, and of an even force's odd part, or the reverse, where the
+            tangent mirrors itself.
+        guess
+            Where the iteration begins, as b.
 
         Raises
         ------

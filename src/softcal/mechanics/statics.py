@@ -244,9 +244,12 @@ class Statics:
         self.tangent.exclude(modes)
 
     def solve(self, b: Floats, accuracy: float = EXACT, guess: Floats | None = None) -> Floats:
-        """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent of the last linearisation.
+        """The unknowns' response with the tangent of the last linearisation.
 
-        accuracy: relative error, where the tangent's own factors are not there; guess: what it is about, as b.
+        Parameters
+        ----------
+        b, accuracy, guess
+            See `BorderedTangent.solve`.
 
         Raises
         ------

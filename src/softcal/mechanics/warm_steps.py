@@ -149,8 +149,12 @@ class WarmSteps:
             self.statics.factorise(self.statics.system.linearise(state, controls, self.statics.theta))
 
     def by_command(self, state: State, now: Controls, target: Controls, which: Ints) -> Floats:
-        """dz / d command (n_unknowns, k) of some actuators at an equilibrium, see `march.by_command`: of the last one
-        by the kept tangent, where that serves.
+        """dz / d command (n_unknowns, k) of some actuators at an equilibrium, by the kept tangent where that serves.
+
+        Parameters
+        ----------
+        state, now, target, which
+            See `march.by_command`.
 
         Raises
         ------

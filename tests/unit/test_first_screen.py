@@ -321,6 +321,14 @@ def test_many_parameters_are_counted_not_listed() -> None:
     assert first.endswith("and 2 more, from one test.")
 
 
+@pytest.mark.parametrize(("record", "tone"), [(WHITE, "good"), (replace(ALIKE, size=0.1), "note")])
+def test_a_summary_is_not_green_where_residuals_are_a_curve(record: ResidualRecord, tone: str) -> None:
+    assert (
+        verdict(content({"joint": fitted("a", estimates={E_NAME: E}, residuals={"a": {"tension": record}})})).tone
+        == tone
+    )
+
+
 # Several separate fits.
 
 

@@ -82,7 +82,8 @@ def verdict(content: ReportContent) -> Verdict:
     told = any(not one.is_determined for one in of.material)  # the second sentence says so
     doubts = [*(grave or ([] if told else others[:1])), *_stability(content)]
     off = any(one.contradicts_prior for result in results.values() for one in result.parameters.values())
-    tone: Tone = "warning" if doubts or others or off or is_poor(of) else "good"
+    missed = any(one.tone == "warning" for result in results.values() for one in residual_sentences(result))
+    tone: Tone = "warning" if doubts or others or off or is_poor(of) else "note" if missed else "good"
     return Verdict(tuple(doubt.text for doubt in doubts), tuple(three_sentences(of)), tone)
 
 

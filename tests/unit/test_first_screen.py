@@ -19,7 +19,7 @@ from softcal.analysis.mesh_changes import Change
 from softcal.analysis.mesh_study import Finer, MeshStudy
 from softcal.calibration.problem.uncertain import MESH_ERROR
 from softcal.calibration.results.digits import interval_share
-from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit
+from softcal.calibration.results.result import CalibrationResult, Distance, ExperimentFit, HeldOut
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.random_effects import Spread
 from softcal.calibration.statistics.residuals import ResidualRecord
@@ -33,6 +33,7 @@ from softcal.report.first_screen import FirstScreen, budget_note, three_sentence
 from softcal.report.headline import headline
 from softcal.report.html import key_numbers, render_page
 from softcal.report.page import marks, moment, unbroken
+from softcal.report.positions import prediction_sentence
 from softcal.report.statement import SOURCES, legend, percent, source_of, statement
 from softcal.twin.finer import Size
 
@@ -572,3 +573,23 @@ def test_where_tests_contradict_one_value_the_cause_comes_before_the_largest_sha
     assert source.startswith("First find why the tests differ. All of the known variance of E comes from")
     (_, source, *_) = sentences(fitted("a", "b", estimates={E_NAME: budget}, spreads={E_NAME: alike}))
     assert source.startswith("All of")
+
+
+@pytest.mark.parametrize(
+    ("off", "tone", "words"), [(0.05, "good", "100 %"), (2.0, "warning", "contradicts the fitted")]
+)
+def test_a_predicted_test_is_judged_by_its_band(off: float, tone: str, words: str) -> None:
+    measured = np.linspace(1.0, 8.0, 20)
+    ahead = ExperimentFit(
+        {"tension": off}, {}, {"tension": measured}, {"tension": measured + off}, {"tension": "N"},
+        bands={"tension": np.full(20, 0.1)},
+    )  # fmt: skip
+    made = fitted("a", estimates={E_NAME: E}, held_out={"b": HeldOut(1.0, ahead, {})})
+    found = prediction_sentence(made)
+    assert found is not None
+    assert found.tone == tone
+    assert words in found.text
+    bare = replace(made, held_out={"b": HeldOut(1.0, replace(ahead, bands={}), {})})
+    found = prediction_sentence(bare)
+    assert found is not None
+    assert (found.tone, "band" in found.text) == ("note", False)

@@ -112,6 +112,7 @@ def _remarks(
     from softcal.report.closeness import closeness_by_experiment, misses_of
     from softcal.report.cycles import cycle_sentences
     from softcal.report.format import few
+    from softcal.report.positions import prediction_sentence
 
     failed = [label for label, result in results.items() if result.converged is False]
     answer = next(iter(shown))  # which a search that did not converge concerns, whichever it is
@@ -131,6 +132,8 @@ def _remarks(
     for label, result in shown.items():
         for remark in (*spread_sentences(result, records), *residual_sentences(result)):
             yield replace(remark, text=f"{label}: {remark.text}", about=label)
+        if (predicted := prediction_sentence(result)) is not None and predicted.tone == "warning":
+            yield replace(predicted, text=f"{label}: {predicted.text}", about=label)
         yield from (Remark(_of(label, text)) for text in cycle_sentences(result))
     notes: dict[Remark, list[str]] = {}
     for label, result in results.items():

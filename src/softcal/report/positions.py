@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+import numpy as np
 
 from softcal.calibration.results.result import Distance, ExperimentFit, SearchResult
 from softcal.calibration.statistics.estimate import Remark, Tone
@@ -15,6 +17,9 @@ from softcal.report.tables import Cell, Column, ReportTable
 MM = 1e3
 # Ratio of prediction error to fit error: good up to the first; above the second the fit does not generalise.
 _CARRIES_OVER, _DOUBTFUL = 1.5, 3.0
+# Share of the values of a predicted test within the 95 % band of a further one: good from the first on; below the
+# second the test contradicts the others.
+_INSIDE, _OUTSIDE = 0.8, 0.5
 
 
 @dataclass(frozen=True)
@@ -87,19 +92,36 @@ def fit_sentence(result: SearchResult) -> str:
     return f"The twin reproduces the markers to {fitted_distance(result)}; the largest distance is {largest}."
 
 
+def _within_bands(fit: ExperimentFit) -> dict[str, float]:
+    """Channel -> the share [-] of its values that is within its band; those without bands are omitted."""
+    off = {c: np.abs(fit.measured[c] - fit.simulated[c]) for c in fit.bands if c in fit.measured}
+    return {
+        c: float(np.mean((d <= fit.bands[c])[np.isfinite(fit.bands[c])]))
+        for c, d in off.items()
+        if np.isfinite(fit.bands[c]).any()
+    }
+
+
 def prediction_sentence(result: SearchResult) -> Remark | None:
     """Prediction errors of held-out experiments; its tone says whether the fit generalises, "note": in part."""
     predicted = [place for place in places(result) if place.held_out]
     ahead, fitted = pooled(predicted), pooled(place for place in places(result) if not place.held_out)
     if ahead is None:
-        errors: Mapping[str, str] = {
-            name: joined(
-                f"{channel} to {number(error)} {one.fit.units[channel]}" for channel, error in one.fit.rmse.items()
-            )
-            for name, one in result.held_out.items()
-        }
-        told = "; ".join(f"{name}, {text}" for name, text in errors.items())
-        return Remark(f"Held out of the fit and predicted (RMS): {told}.") if errors else None
+        held = {name: one.fit for name, one in result.held_out.items()}
+        errors = "; ".join(
+            f"{name}, {joined(f'{c} to {number(error)} {fit.units[c]}' for c, error in fit.rmse.items())}"
+            for name, fit in held.items()
+        )
+        text = f"Held out of the fit and predicted (RMS): {errors}"
+        within = {f"{c} of {name}": share for name, fit in held.items() for c, share in _within_bands(fit).items()}
+        if not within:
+            return Remark(f"{text}.") if errors else None
+        worst, share = min(within.items(), key=lambda one: one[1])
+        inside = f"{100 * share:.0f} % of the values of {worst} are within the 95 % band of a further test"
+        text += f"; {'at worst ' * (len(within) > 1)}{inside}"
+        if share < _OUTSIDE:
+            return Remark(f"{text}: it contradicts the fitted tests, or the model is wrong there.", "warning")
+        return Remark(f"{text}.", "good" if share > _INSIDE else "note")
     distances = ((place, place.fit.distance) for place in predicted)
     each = joined(f"{at.experiment} to {distance_text(d, at.fit.length)}" for at, d in distances if d is not None)
     text = f"Held out of the fit and predicted: {each}"

@@ -147,8 +147,8 @@ def predict(
 
 
 def part_of_contact(values: Mapping[str, float]) -> tuple[float, float]:
-    """Where the grooves close on the way to 60 mm at 15 mm/s, and the share [-] of the tension at 58 mm that is due to
-    contact: the first travel [m] at which it changes the tension by a thousandth.
+    """Where the grooves close on the way to 60 mm at 15 mm/s, the first travel [m] at which contact changes the tension
+    by a thousandth of its largest; and the share [-] of the tension at 58 mm that is due to contact.
     """
     d = np.linspace(0.0, TARGETS[-1].pull, 61)
     pull = Protocol({"front": Command("shortening", d - values[SLACK])}, d / CURVES_AT)
@@ -156,8 +156,9 @@ def part_of_contact(values: Mapping[str, float]) -> tuple[float, float]:
     touching, free = (
         simulate(robot(contact), pull, constants, crossings=False).channels[TENSION] for contact in (Contact(), None)
     )
-    share = 1.0 - free / np.where(touching > 0.0, touching, np.inf)
-    return float(d[np.abs(share) > 1e-3][0]), float(np.interp(0.058, d, share))
+    by_contact = touching - free
+    closed = d[np.abs(by_contact) > 1e-3 * touching.max()]
+    return float(closed[0]), float(np.interp(0.058, d, by_contact) / np.interp(0.058, d, touching))
 
 
 def _loop(target: Target, speed: float, up: slice, down: slice, d: Floats, force: Floats, slopes: Floats) -> Compared:

@@ -186,11 +186,14 @@ def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> Conta
     across = np.cross(b - a, c - a)
     facing = np.einsum("mi,mi->m", across, normals[points]) < -FACING * np.linalg.norm(across, axis=1)
     reach = term.reach.copy()
-    # How far the point is in front of the surface above the core: from its plane, since the point may be above a core's
-    # triangle and yet beside the surface's, which is larger at a sharp edge.
-    a, b, c = (skin[faces[:, k] - len(reach)] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    before = np.einsum("mi,mi->m", normal, term.X[points] - a) / np.linalg.norm(normal, axis=1)
+    # How far the point is in front of the surface above the core. Where it is above the core's triangle, from the plane of
+    # the surface's: at a sharp edge that is larger, and the point may be beside it.
+    n, height = len(reach), np.einsum("mi,mi->m", across, term.X[points] - a) / np.linalg.norm(across, axis=1)
+    before = distances(np.concatenate([term.X[:n], skin]), points, faces)
+    above = np.isclose(np.abs(height), d, rtol=1e-9)
+    a, b, c = (skin[faces[above, k] - n] for k in range(3))
+    across = np.cross(b - a, c - a)
+    before[above] = np.einsum("mi,mi->m", across, term.X[points[above]] - a) / np.linalg.norm(across, axis=1)
     np.minimum.at(reach, points[facing], np.clip(d - before, 0.0, d)[facing])
     beside = np.column_stack([np.repeat(points[~facing], 3), faces[~facing].ravel()])
     return replace(term, reach=reach, apart=np.concatenate([term.apart, beside]))

@@ -186,8 +186,8 @@ def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> Conta
     across = np.cross(b - a, c - a)
     facing = np.einsum("mi,mi->m", across, normals[points]) < -FACING * np.linalg.norm(across, axis=1)
     reach = term.reach.copy()
-    # How far the point is in front of the surface above the core. Where it is above the core's triangle, from the plane of
-    # the surface's: at a sharp edge that is larger, and the point may be beside it.
+    # How far the point is in front of the surface above the core. Where it is above the core's triangle, from the plane
+    # of the surface's: at a sharp edge that is larger, and the point may be beside it.
     n, height = len(reach), np.einsum("mi,mi->m", across, term.X[points] - a) / np.linalg.norm(across, axis=1)
     before = distances(np.concatenate([term.X[:n], skin]), points, faces)
     above = np.isclose(np.abs(height), d, rtol=1e-9)

@@ -598,6 +598,7 @@ def test_the_command_writes_it(tmp_path: Path) -> None:
     ("reach", "why"),
     [
         ("front=8N,10mm", "a range has no name of an input"),
+        ("front=1N,front=2N", "an input has two ranges"),
         ("frnt=8N", "no such cable or parameter"),
         ("front=5px", "front"),
         ("bar.youngs_modulus=2MPa", "the range of a parameter has two ends"),

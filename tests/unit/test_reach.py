@@ -104,6 +104,7 @@ FAULTS = {
     "limits against pretension": (
         ["--to", "plate.x=3mm", "--limit", "tension=..1N", "--pretension", "2N"], "the limits contradict each other"),
     "a target beyond its limit": (["--to", "plate.x=3mm", "--limit", "x=..2mm"], "the target is beyond a limit"),
+    "limits without an end": (["--to", "plate.x=3mm", "--limit", "x=.."], "these are no limits"),
     "limits of a single end": (["--to", "plate.x=3mm", "--limit", "x=2mm"], "these are no limits"),
     "a rate without times": (["--to", "plate.x=3mm", "--rate", "tension=1N/s"], "a rate needs times"),
     "a rate in another unit": (["--to", "plate.x=3mm", "--rate", "tension=1N"], "the unit does not fit"),

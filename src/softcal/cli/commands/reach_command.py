@@ -80,7 +80,7 @@ class _Options:
 
         def ends(text: str, unit: str, where: str) -> tuple[float, float]:
             low, dots, high = text.partition("..")
-            if not dots:
+            if not dots or text.strip() == dots:
                 allowed = "LOW..HIGH, such as 0N..20N, or one of both"
                 raise InputError(Fault("these are no limits", where, f"'{text}'", allowed))
             none = float("-inf"), float("inf")

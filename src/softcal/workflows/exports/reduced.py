@@ -104,12 +104,14 @@ def _spans(robot: Robot, text: str) -> dict[str, Span]:
         With all faults of the text.
     """
     parts = [part.strip() for part in text.split(",") if part.strip()]
-    of_each = dict((name.strip(), value.strip()) for name, sign, value in (p.partition("=") for p in parts) if sign)
+    pairs = [(name.strip(), value.strip()) for name, sign, value in (p.partition("=") for p in parts) if sign]
+    of_each = dict(pairs)
     if not of_each and len(parts) == 1:
         of_each = dict.fromkeys([part.name for part in robot.commandable], parts[0])
     elif len(of_each) != len(parts):
+        what = "an input has two ranges" if len(pairs) == len(parts) else "a range has no name of an input"
         allowed = f"one range for all {robot.actuator_word}s (8N), or one for each input (front=8N,left=40mm)"
-        raise ParameterError(Fault("a range has no name of an input", "--reach", f"'{text}'", allowed))
+        raise ParameterError(Fault(what, "--reach", f"'{text}'", allowed))
     found, faults = dict[str, "Span"](), list[Fault]()
     for name, value in of_each.items():
         try:

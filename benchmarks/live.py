@@ -44,7 +44,7 @@ def measure(quick: bool) -> Section:
         "Steps per second of processor time, channels included; p99: of the slowest step but one in a hundred, which "
         f"factorises. The cable's shortening goes through {1e3 * PULL:g} mm as a sine of {PERIOD:g} s at "
         f"{SAMPLING:g} Hz, and as a random walk of {1e3 * WALK:g} mm a step. The derivatives are predicted from those "
-        "of the last states, and corrected by the kept factorisation to 1e-8. Goals: 400 steps a second with P1, 60 "
+        "of the last states, and corrected by the kept factorisation to 1e-7. Goals: 400 steps a second with P1, 60 "
         "with P2P1, derivatives included."
     ]
     return Section("A twin in a loop", header, rows, goals, notes)

@@ -49,7 +49,7 @@ def test_by_commands(cable):
 
 @pytest.mark.parametrize("asked", [1, 3])
 def test_by_commands_with_a_kept_tangent(asked):
-    """Along small steps, asked at every one or every third: those of a twin that factorises there, to 1e-8 of the
+    """Along small steps, asked at every one or every third: those of a twin that factorises there, to 1e-7 of the
     largest of each channel's, without a factorisation a step; and the states are those without derivatives.
     """
     live, plain = LiveTwin(ROBOT, CONTROLS), LiveTwin(ROBOT, CONTROLS)
@@ -66,7 +66,7 @@ def test_by_commands_with_a_kept_tangent(asked):
     fresh.at(pose)
     exact = fresh.state.by_commands().values
     for row, own in zip(rates, exact, strict=True):
-        np.testing.assert_allclose(row, own, rtol=0.0, atol=1e-8 * max(np.abs(own).max(), 1e-6))
+        np.testing.assert_allclose(row, own, rtol=0.0, atol=1e-7 * max(np.abs(own).max(), 1e-6))
 
 
 def test_derivatives_go_on_after_a_jump():
@@ -76,7 +76,7 @@ def test_derivatives_go_on_after_a_jump():
         rates = live.at({"front": d, "back": 3.0}).by_commands().values
     fresh = LiveTwin(ROBOT, CONTROLS)
     exact = fresh.at({"front": 0.03, "back": 3.0}).by_commands().values
-    np.testing.assert_allclose(rates, exact, rtol=0.0, atol=1e-8 * np.abs(exact).max())
+    np.testing.assert_allclose(rates, exact, rtol=0.0, atol=1e-7 * np.abs(exact).max())
 
 
 def test_a_slack_cable_moves_nothing():

@@ -50,7 +50,7 @@ ACCURATE = 0.01  # of the tolerance, where rounding admits it: so a state does n
 MOST = 12  # iterations of a step in all
 MANY = 6  # iterations: a step that needs more leaves a new factorisation to the next one
 KEPT = 8  # iterations with a kept tangent at most; then follow some with that of the last iterate
-DERIVATIVES = 1e-10  # relative error of dz/dcommand by a kept tangent
+DERIVATIVES = 1e-9  # relative error of dz/dcommand by a kept tangent
 BENT = 0.5  # of a step, by which at most a prediction is off the tangent; a kink is no polynomial
 JUDGED = 0.05  # of the robot's extent: the longest way on which its stability is not judged
 
@@ -100,6 +100,8 @@ class WarmSteps:
         self.last, self.n_iterations = reached, 0
         self._trail = self._begun(reached)
         self._rates: Floats | None = None  # dz/dcommand, as it is predicted at the last step
+        # Whether dz/dcommand of the last equilibrium was asked for; if so, the next one comes with its tangent.
+        self._is_asked, self._tangent = False, (reached.state, None)
         self._kept: _Kept | None = None
 
     def to(self, aim: Target) -> Reached:
@@ -166,12 +168,14 @@ class WarmSteps:
             self.factorise(state, now)
             rates = by_command(statics, state, now, target, which)
         else:
-            statics.tangent.follow(statics.system.linearise(state, now, statics.theta))
+            at = self._tangent[1] if self._tangent[0] is state else None
+            statics.tangent.follow(at or statics.system.linearise(state, now, statics.theta))
             rates = by_command(statics, state, now, target, which, DERIVATIVES, self._rates)
             if statics.n_factorisations != kept.number:
                 self._keep(state, now)
         if state is self.last.state:
             self._trail.add_rates(rates)
+            self._is_asked = True
         return rates
 
     def _warm(self, aim: Target) -> Reached | None:
@@ -257,7 +261,9 @@ class WarmSteps:
         correction, moving = np.zeros_like(ahead), slice(statics.system.layout.first_pressure_unknown)
         before = previous = np.inf
         for iteration in range(MOST):
-            at = statics.system.linearise(state, controls, statics.theta, tangent=False)
+            # The first iteration is seldom the last one.
+            tangent = self._is_asked and iteration > 0
+            at = statics.system.linearise(state, controls, statics.theta, tangent=tangent)
             residual = statics.norm(at) if at.is_admissible else np.inf
             is_slow = not residual < SLOW * before
             at_end = is_slow or iteration == MOST - 1
@@ -268,6 +274,7 @@ class WarmSteps:
                 if is_reversed or off > way + SAME * statics.length:
                     return None
                 kept.way += statics.reach(ahead)
+                self._is_asked, self._tangent = False, (state, at if tangent else None)
                 return state, iteration + 1
             if is_slow or (iteration > KEPT and statics.n_factorisations == kept.number):
                 if statics.n_factorisations != kept.number or not residual < 1.0:

@@ -141,7 +141,7 @@ class LiveState:
 
     def by_commands(self) -> Jacobian:
         """Exact derivatives of the channels by the commands of all driven actuators: of the twin's present state to
-        1e-8 by its kept factorisation, of another one, or where that does not serve, at the cost of a factorisation.
+        1e-7 by its kept factorisation, of another one, or where that does not serve, at the cost of a factorisation.
 
         Of a robot that remembers: by the commands of this state alone, from the state before it.
 

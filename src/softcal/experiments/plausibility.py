@@ -113,6 +113,8 @@ def _limits(dataset: Dataset) -> list[str]:
         if key in ("time", of.coordinate) or not np.all(np.isfinite(values)) or np.ptp(values) == 0.0:
             continue
         far = values[int(np.argmax(np.abs(values - values[0])))]
+        if far == 0.0:  # as of a cable that becomes slack
+            continue
         ends = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))
         runs = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
         lengths = [run.stop - run.start for run in runs]
@@ -190,11 +192,13 @@ def _stiffness(dataset: Dataset) -> list[str]:
         ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
         return [f"{of.effort} does not rise with {of.coordinate} ({ends}): is it the right column?"]
     in_order = effort[np.argsort(coordinate, kind="stable")]
-    scatter = float(np.std(np.diff(in_order))) / np.sqrt(2.0)
+    change = np.diff(in_order)
+    # By the median: a few large changes, as where a cable becomes taut, are no scatter.
+    scatter = 1.4826 * float(np.median(np.abs(change - np.median(change)))) / np.sqrt(2.0)
     if of.is_cable and np.ptp(force) < _SCATTER * scatter / np.sqrt(len(effort) / len(s)):
         return [
-            f"{of.effort} changes with {of.coordinate} by no more than its scatter of {scatter:.3g} {of.units[1]}: is "
-            "the cable taut in this record?"
+            f"{of.effort} changes with {of.coordinate} by no more than its scatter of {scatter:.3g} {of.units[1]} "
+            "explains: is the cable taut in this record?"
         ]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
     (coordinate_kind, effort_kind), shown = of.kinds, of.slope_in_words(median)

@@ -103,17 +103,15 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
 
 
 def _limits(dataset: Dataset) -> list[str]:
-    """A sentence for each channel that stays exactly at its largest excursion while the robot is moved on."""
+    """A sentence for each channel that stays at its largest excursion, but zero, while the robot is moved on."""
     of = driven_whole(dataset)
     if of is None or of.coordinate not in dataset.channels:
         return []
     coordinate, found = dataset.values(of.coordinate), list[str]()
     for key, channel in dataset.channels.items():
         values = channel.values
-        if key in ("time", of.coordinate) or not np.all(np.isfinite(values)) or np.ptp(values) == 0.0:
-            continue
         far = values[int(np.argmax(np.abs(values - values[0])))]
-        if far == 0.0:  # as of a cable that becomes slack
+        if key in ("time", of.coordinate) or not np.all(np.isfinite(values)) or far in (0.0, values[0]):
             continue
         ends = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))
         runs = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
@@ -192,8 +190,7 @@ def _stiffness(dataset: Dataset) -> list[str]:
         ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
         return [f"{of.effort} does not rise with {of.coordinate} ({ends}): is it the right column?"]
     in_order = effort[np.argsort(coordinate, kind="stable")]
-    change = np.diff(in_order)
-    # By the median: a few large changes, as where a cable becomes taut, are no scatter.
+    change = np.diff(in_order)  # a few large ones, as where a cable becomes taut, are no scatter
     scatter = 1.4826 * float(np.median(np.abs(change - np.median(change)))) / np.sqrt(2.0)
     if of.is_cable and np.ptp(force) < _SCATTER * scatter / np.sqrt(len(effort) / len(s)):
         return [

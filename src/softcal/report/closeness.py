@@ -35,8 +35,7 @@ class Miss:
     """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the noise if known.
 
     word: for its kind; carrier: the actuator, plate or sensor, "" of a short name; multiple: by how much the measured
-    values are a multiple of the twin's, but for an offset, 1 where they are near them or no multiple; of_one_sample:
-    whether the test has a single sample, which has no range.
+    values are a multiple of the twin's, but for an offset, 1 where none or near; is_alone: of a test of one sample.
     """
 
     experiment: str
@@ -47,12 +46,12 @@ class Miss:
     in_noise: float | None
     carrier: str = ""
     multiple: float = 1.0
-    of_one_sample: bool = False
+    is_alone: bool = False
 
     @property
     def is_poor(self) -> bool:
         """Whether the channel by itself is reproduced poorly."""
-        return not self.of_one_sample and closeness([self])[1] == "warning"
+        return not self.is_alone and closeness([self])[1] == "warning"
 
     @property
     def size(self) -> str:

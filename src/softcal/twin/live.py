@@ -142,8 +142,8 @@ class LiveState:
     def by_commands(self) -> Jacobian:
         """Derivatives of the channels by the commands of all driven actuators.
 
-        Of the twin's present state they come from the kept factorisation, to 1e-8; of another state, or where the kept
-        factorisation is too far off, they cost a factorisation and are exact.
+        Of the twin's present state to 1e-8, by the kept factorisation; of another state, or where that factorisation
+        is too far off, exact, at the cost of a factorisation.
 
         Of a robot that remembers: by the commands of this state alone, from the state before it.
 

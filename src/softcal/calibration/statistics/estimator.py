@@ -272,8 +272,7 @@ class Estimators:
         if not spent:
             beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
         misfits, changes = linear.of(misfit_sources(parts)), tuple(one.missed for one in blocks)
-        off = np.zeros(len(self._z))
-        step = minimum - self._z
+        off, step = np.zeros(len(self._z)), minimum - self._z
         priors = [
             (p.answer[0], p.pull[0], float(p.residual[0] + p.answer[0] @ step)) for p in parts if not p.experiment
         ]

@@ -24,7 +24,7 @@ _REPEATED = 0.1  # share of rows that may repeat the one before, as at a standst
 _CHANCE = 2  # distinct values, which two tests may well have in common
 _ATMOSPHERE = 101_325.0  # [Pa]
 _ATMOSPHERIC = 0.05  # of it, within which a record of an absolute pressure begins
-_STILL = 5  # rows of the same value at the end of a channel's range: fewer are chance
+_STILL = 5  # rows of the same value at the end of a channel's range, or of a part that is there twice: fewer are chance
 _SCATTER = 6.0  # standard errors by which the mean of some bins may differ from another's without a trend
 _FLOOR = 0.1  # share of the effort's range that still counts as slack
 
@@ -91,12 +91,12 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
             "independent measurement, so standard errors are too small if rows were written more than once."
         )
     else:
-        pairs = np.column_stack([table[:-1], table[1:]])[np.any(table[1:] != table[:-1], axis=1)]
-        again = len(pairs) - len(np.unique(pairs, axis=0))
+        parts = np.column_stack([table[k:][: max(len(table) - _STILL + 1, 0)] for k in range(_STILL)])
+        again = len(parts) - len(np.unique(parts, axis=0))
         if again > _REPEATED * dataset.n_samples:
             warnings.append(
-                f"{again} of {dataset.n_samples} rows repeat earlier ones in every channel, in the same order: is a "
-                "part of the record in the file twice? Each row counts as an independent measurement."
+                f"{again + _STILL - 1} of {dataset.n_samples} rows repeat earlier ones in every channel, in their "
+                "order: is a part of the record in the file twice? Each row counts as an independent measurement."
             )
     warnings += [] if warnings else _limits(dataset)
     return tuple(f"{dataset.name}: {warning}" for warning in warnings)

@@ -37,7 +37,7 @@ TETS = (1_547, 3_500, 7_700, 19_500, 40_000, 54_000)
 QUICK = 3  # meshes
 CALCULIX_PULL = np.linspace(0.25 * PULL, PULL, 4)
 CALCULIX_UNKNOWNS, CALCULIX_LIMIT = 35_000, 300.0  # largest mesh, and seconds, in a run of all benchmarks
-CALCULIX_KEPT = Path(__file__).with_suffix("").with_name("growth_calculix.json")  # CPU seconds by unknowns
+CALCULIX_KEPT = Path(__file__).with_name("growth_calculix.json")  # CPU seconds by unknowns
 CALCULIX_LONGEST = 3600.0  # [s] on one of the other meshes
 
 

@@ -398,6 +398,11 @@ def test_a_plate_on_a_line_of_each_of_two_bodies_is_not_warned_of(tmp_path: Path
     assert hinges(Robot(tuple(bodies), (replace(plate, nodes={"left": line}),))) == [("lid", "lid")]
 
 
+def test_a_body_fixed_at_one_node_is_warned_of():
+    mesh = box_mesh([20.0, 20.0, 40.0], [2, 2, 3])
+    assert hinges(Robot((Body("arm", mesh, np.array([0]), SOFT, element="P1"),))) == [("arm", "arm")]
+
+
 def test_two_bodies_that_are_tied_to_each_other_are_refused_by_the_names_of_the_ties(tmp_path: Path):
     project = load(write_robot(tmp_path, ("  plates:", "    back: {body: lower, region: head, on: upper}\n  plates:")))
     with pytest.raises(MeshError, match="seam: nodes of upper are tied to nodes of lower that back ties to upper"):

@@ -183,12 +183,20 @@ def test_records_that_end_at_a_limit_never_get_taut_or_are_written_twice_are_sus
     assert said(noisy.with_channels(Step("test"), tension=np.maximum(np.round(force - 1.3, 1), 0.0))) == ""  # slack
     for n in (41, 400):
         assert "is the cable taut in this record?" in said(ramp(n, slack=30e-3, noise=0.05))
+    unloaded = {key: np.maximum(values, 0.0)[::-1] for key, values in (("tension", force - 3.0),)}
+    unloaded |= {key: noisy.values(key)[::-1] for key in ("shortening", "pitch")}
+    assert said(dataset(**unloaded)) == ""  # slack at the end
+    few = {"shortening": np.linspace(0.0, 12e-3, 5), "tension": [0.0, 0.1, 0.2, 0.5, 6.0]}
+    assert "taut" not in said(dataset(**few))
     shuffled = np.random.default_rng(4).permutation(101)
     assert "taut" not in said(
         dataset(**{key: noisy.values(key)[shuffled] for key in ("shortening", "tension", "pitch")})
     )
     twice = {key: np.tile(channel.values, 2) for key, channel in noisy.channels.items() if key != "time"}
-    assert "100 of 202 rows repeat earlier ones in every channel" in said(dataset(**twice))
+    assert "101 of 202 rows repeat earlier ones in every channel" in said(dataset(**twice))
+    coarse = {key: np.tile(np.concatenate([noisy.values(key), noisy.values(key)[::-1]]), 2) for key in twice}
+    coarse["tension"] = np.round(coarse["tension"] + 0.1 * np.random.default_rng(5).standard_normal(404), 1)
+    assert "repeat earlier" not in said(dataset(**coarse))  # two cycles
     there = {key: np.concatenate([values[:101], values[100::-1]]) for key, values in twice.items()}
     assert "repeat earlier" not in said(dataset(**there))
 

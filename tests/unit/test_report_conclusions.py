@@ -292,6 +292,12 @@ def test_a_channel_that_the_twin_does_not_fit_is_in_the_first_sentence(factor: f
     assert words in told(shown, "warning")
 
 
+def test_a_test_of_one_sample_has_no_range_by_which_it_is_poor() -> None:
+    one = {"tension": np.array([5.0])}
+    made = ExperimentFit({"tension": 0.01}, {}, one, {"tension": np.array([5.01])}, {"tension": "N"})
+    assert verdict(content({"joint": result("a", "b", made=made)})).sentences[0].startswith("E = ")
+
+
 def test_an_error_of_the_size_of_the_noise_is_as_close_as_can_be() -> None:
     report = content({"a": result("a", made=fit(1.0))}, sigma=1.0)
     assert "1.0 times the noise of its record); that is within the noise of the record" in told(report, "good")

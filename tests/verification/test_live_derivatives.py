@@ -69,6 +69,18 @@ def test_by_commands_with_a_kept_tangent(asked):
         np.testing.assert_allclose(row, own, rtol=0.0, atol=1e-7 * max(np.abs(own).max(), 1e-6))
 
 
+def test_derivatives_of_one_state_twice_take_no_further_work():
+    live = LiveTwin(ROBOT, CONTROLS)
+    tangent = live._steps.statics.tangent
+    for d in (0.0100, 0.0101, 0.0102):
+        state = live.at({"front": d, "back": 3.0})
+    rates = state.by_commands().values
+    before = tangent.n_iterations, tangent.n_factorisations
+    again = state.by_commands().values
+    assert (tangent.n_iterations, tangent.n_factorisations) == before
+    np.testing.assert_allclose(again, rates, rtol=0.0, atol=1e-9 * np.abs(rates).max())
+
+
 def test_derivatives_go_on_after_a_jump():
     """A step along a load path leaves no prediction; the derivatives there are right all the same."""
     live = LiveTwin(ROBOT, CONTROLS)

@@ -436,9 +436,8 @@ class _Search:
         self.command = np.where(self.by_coordinate, self.coordinate, self.effort)
         last = self.last = _Point(task, self.before, np.zeros(0), np.zeros(0)).values
         change = np.full(len(last), np.inf)
-        if np.isfinite(elapsed):
-            limited = np.isfinite(task.rates)
-            change[limited] = task.rates[limited] * elapsed
+        limited = np.isfinite(task.rates) & np.isfinite(elapsed)
+        change[limited] = task.rates[limited] * elapsed
         self.lower, self.upper = np.maximum(task.lower, last - change), np.minimum(task.upper, last + change)
         least = np.array([one.least_effort for one in self.actuators])
         self.least = least

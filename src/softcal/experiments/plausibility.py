@@ -24,7 +24,7 @@ _REPEATED = 0.1  # share of rows that may repeat the one before, as at a standst
 _CHANCE = 2  # distinct values, which two tests may well have in common
 _ATMOSPHERE = 101_325.0  # [Pa]
 _ATMOSPHERIC = 0.05  # of it, within which a record of an absolute pressure begins
-_STILL = 5  # rows of the same value at the end of a channel's range: fewer are chance
+_STILL = 5  # rows of the same value at the end of a channel's range, or of a part that is there twice: fewer are chance
 _SCATTER = 6.0  # standard errors by which the mean of some bins may differ from another's without a trend
 _FLOOR = 0.1  # share of the effort's range that still counts as slack
 
@@ -91,28 +91,28 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
             "independent measurement, so standard errors are too small if rows were written more than once."
         )
     else:
-        pairs = np.column_stack([table[:-1], table[1:]])[np.any(table[1:] != table[:-1], axis=1)]
-        again = len(pairs) - len(np.unique(pairs, axis=0))
+        parts = np.column_stack([table[k:][: max(len(table) - _STILL + 1, 0)] for k in range(_STILL)])
+        again = len(parts) - len(np.unique(parts, axis=0))
         if again > _REPEATED * dataset.n_samples:
             warnings.append(
-                f"{again} of {dataset.n_samples} rows repeat earlier ones in every channel, in the same order: is a "
-                "part of the record in the file twice? Each row counts as an independent measurement."
+                f"{again + _STILL - 1} of {dataset.n_samples} rows repeat earlier ones in every channel, in their "
+                "order: is a part of the record in the file twice? Each row counts as an independent measurement."
             )
     warnings += [] if warnings else _limits(dataset)
     return tuple(f"{dataset.name}: {warning}" for warning in warnings)
 
 
 def _limits(dataset: Dataset) -> list[str]:
-    """A sentence for each channel that stays exactly at its largest excursion while the robot is moved on."""
+    """A sentence for each channel that stays at its largest excursion, but zero, while the robot is moved on."""
     of = driven_whole(dataset)
     if of is None or of.coordinate not in dataset.channels:
         return []
     coordinate, found = dataset.values(of.coordinate), list[str]()
     for key, channel in dataset.channels.items():
         values = channel.values
-        if key in ("time", of.coordinate) or not np.all(np.isfinite(values)) or np.ptp(values) == 0.0:
-            continue
         far = values[int(np.argmax(np.abs(values - values[0])))]
+        if key in ("time", of.coordinate) or not np.all(np.isfinite(values)) or far in (0.0, values[0]):
+            continue
         ends = np.flatnonzero(np.concatenate([[True], values[1:] != values[:-1], [True]]))
         runs = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
         lengths = [run.stop - run.start for run in runs]
@@ -190,11 +190,12 @@ def _stiffness(dataset: Dataset) -> list[str]:
         ends = f"{measured.min():.3g} to {measured.max():.3g} {unit}"
         return [f"{of.effort} does not rise with {of.coordinate} ({ends}): is it the right column?"]
     in_order = effort[np.argsort(coordinate, kind="stable")]
-    scatter = float(np.std(np.diff(in_order))) / np.sqrt(2.0)
+    change = np.diff(in_order)  # a few large ones, as where a cable becomes taut, are no scatter
+    scatter = 1.4826 * float(np.median(np.abs(change - np.median(change)))) / np.sqrt(2.0)
     if of.is_cable and np.ptp(force) < _SCATTER * scatter / np.sqrt(len(effort) / len(s)):
         return [
-            f"{of.effort} changes with {of.coordinate} by no more than its scatter of {scatter:.3g} {of.units[1]}: is "
-            "the cable taut in this record?"
+            f"{of.effort} changes with {of.coordinate} by no more than its scatter of {scatter:.3g} {of.units[1]} "
+            "explains: is the cable taut in this record?"
         ]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
     (coordinate_kind, effort_kind), shown = of.kinds, of.slope_in_words(median)

@@ -733,7 +733,7 @@ def _best_terms(sampled: Sampled, change: Floats) -> tuple[Floats, Ints]:
     slopes = (sampled.rates * sampled.half[:, None] / change).transpose(1, 0, 2).reshape(n_inputs, -1)
     squares, vectors = np.linalg.eigh(slopes @ slopes.T)
     if not squares[-1] > 0.0:
-        raise ParameterError(Fault("no output changes with the inputs", "inputs", attempt="others, or gravity"))
+        raise ParameterError(Fault("no output changes with the inputs", "inputs", attempt="other inputs, or gravity"))
     size = np.abs(vectors).sum(axis=0)
     strength = np.sqrt(np.maximum(squares, 1e-16 * squares.max())) * size
     order = np.argsort(-strength)

@@ -369,10 +369,9 @@ def by_command(
             right[:, column] = system.gradient_by_effort(state, i, now, statics.theta)
     if len(which) == 0:
         return right
-    begin = None if guess is None else -guess
-    if begin is not None:
-        begin[first:][now.is_held] = 0.0
-    dz = -statics.solve(right, accuracy, begin)
+    if guess is not None:
+        guess = np.concatenate([guess[:first], np.where(now.is_held[:, None], 0.0, guess[first:])])
+    dz = statics.solve(-right, accuracy, guess)
     efforts = dz[first:]
     efforts[now.is_held] = 0.0
     for column, i in enumerate(which.tolist()):

@@ -99,7 +99,7 @@ class WarmSteps:
         """Return to an equilibrium that was reached before, with its memory."""
         self.last, self.n_iterations = reached, 0
         self._trail = self._begun(reached)
-        self._rates: Floats | None = None  # dz/dcommand, as it is predicted at the last step
+        self._rates: Floats | None = None  # dz/dcommand at the last step, predicted or as computed
         # Whether dz/dcommand of the last equilibrium was asked for; if so, the next one comes with its tangent.
         self._is_asked, self._tangent = False, (reached.state, None)
         self._kept: _Kept | None = None
@@ -175,7 +175,7 @@ class WarmSteps:
                 self._keep(state, now)
         if state is self.last.state:
             self._trail.add_rates(rates)
-            self._is_asked = True
+            self._rates, self._is_asked = rates, True
         return rates
 
     def _warm(self, aim: Target) -> Reached | None:

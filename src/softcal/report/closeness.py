@@ -35,7 +35,7 @@ class Miss:
     """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the noise if known.
 
     word: for its kind; carrier: the actuator, plate or sensor, "" of a short name; multiple: by how much the measured
-    values are a multiple of the twin's, but for an offset, 1 where they are near them or no multiple.
+    values are a multiple of the twin's, but for an offset, 1 where none or near; is_alone: of a test of one sample.
     """
 
     experiment: str
@@ -46,11 +46,12 @@ class Miss:
     in_noise: float | None
     carrier: str = ""
     multiple: float = 1.0
+    is_alone: bool = False
 
     @property
     def is_poor(self) -> bool:
         """Whether the channel by itself is reproduced poorly."""
-        return closeness([self])[1] == "warning"
+        return not self.is_alone and closeness([self])[1] == "warning"
 
     @property
     def size(self) -> str:
@@ -81,7 +82,8 @@ def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Mis
                 sigma = channels[channel].sigma
             in_noise = error / sigma if sigma else None
             share, multiple = share_of_range(fit, channel), _multiple(fit, channel)
-            yield Miss(name, word, error, of.kind.unit, share, in_noise, of.carrier, multiple)
+            alone = len(fit.measured.get(channel, ())) == 1
+            yield Miss(name, word, error, of.kind.unit, share, in_noise, of.carrier, multiple, alone)
 
 
 def _multiple(fit: ExperimentFit, channel: str) -> float:

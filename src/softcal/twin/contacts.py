@@ -190,7 +190,7 @@ def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> Conta
     # of the surface's: at a sharp edge that is larger, and the point may be beside it.
     n, height = len(reach), np.einsum("mi,mi->m", across, term.X[points] - a) / np.linalg.norm(across, axis=1)
     before = distances(np.concatenate([term.X[:n], skin]), points, faces)
-    above = np.isclose(np.abs(height), d, rtol=1e-9)
+    above = np.isclose(np.abs(height), d, rtol=1e-9, atol=0.0)
     a, b, c = (skin[faces[above, k] - n] for k in range(3))
     across = np.cross(b - a, c - a)
     before[above] = np.einsum("mi,mi->m", across, term.X[points[above]] - a) / np.linalg.norm(across, axis=1)

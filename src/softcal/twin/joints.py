@@ -241,7 +241,7 @@ def hinges(robot: Robot) -> list[tuple[str, str]]:
             joints += [(rod.name, rod.name, name, rod.centreline.nodes[node] + size) for node in nodes]
     parts = {name: k for k, name in enumerate(dict.fromkeys(name for _, *two, _ in joints for name in two if name))}
     middle = np.mean([points[0] for *_, points in joints], axis=0)
-    size = max(float(np.abs(points - middle).max()) for *_, points in joints)
+    size = max(float(np.abs(points - middle).max()) for *_, points in joints) or 1.0  # all at one point
 
     def slip(one: str, other: str, points: Floats) -> Floats:
         """How fast points of two parts move apart (3 n, 6 parts), by their velocities and, over the size, turns."""

@@ -140,8 +140,10 @@ class LiveState:
     _place: _Place = field(repr=False)
 
     def by_commands(self) -> Jacobian:
-        """Exact derivatives of the channels by the commands of all driven actuators: of the twin's present state to
-        1e-7 by its kept factorisation, of another one, or where that does not serve, at the cost of a factorisation.
+        """Derivatives of the channels by the commands of all driven actuators.
+
+        Of the twin's present state to 1e-7, by the kept factorisation; of another state, or where that factorisation
+        is too far off, exact, at the cost of a factorisation.
 
         Of a robot that remembers: by the commands of this state alone, from the state before it.
 

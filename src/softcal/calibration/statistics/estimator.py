@@ -272,13 +272,12 @@ class Estimators:
         if not spent:
             beyond[known] = beyond_bounds(minimum[known], budget.root[:, known])
         misfits, changes = linear.of(misfit_sources(parts)), tuple(one.missed for one in blocks)
-        off = np.zeros(len(self._z))
-        if not spent:
-            step = minimum - self._z
-            priors = [
-                (p.answer[0], p.pull[0], float(p.residual[0] + p.answer[0] @ step)) for p in parts if not p.experiment
-            ]
-            off = np.where(known, prior_distances(priors, inverse, budget.joined(misfits).root, minimum), 0.0)
+        off, step = np.zeros(len(self._z)), minimum - self._z
+        priors = [
+            (p.answer[0], p.pull[0], float(p.residual[0] + p.answer[0] @ step)) for p in parts if not p.experiment
+        ]
+        if priors and not spent:
+            off = np.where(known, prior_distances(priors, inverse, budget.joined(misfits).root), 0.0)
         return Minimum(minimum, unseen, beyond, off, noise, spent, compared, held, set_ups, budget, misfits, changes)
 
 

@@ -83,9 +83,7 @@ def contradiction(beyond: Floats, off_prior: Floats) -> float:
     return float(max(beyond.max(initial=1.0), off_prior.max(initial=0.0, where=off_prior > OFF_PRIOR)))
 
 
-def prior_distances(
-    priors: Sequence[tuple[Floats, Floats, float]], inverse: Floats, root: Floats, minimum: Floats
-) -> Floats:
+def prior_distances(priors: Sequence[tuple[Floats, Floats, float]], inverse: Floats, root: Floats) -> Floats:
     """Distance of each parameter (size,) from the mean of its prior, in standard errors of this distance; zero without
     a prior.
 
@@ -99,10 +97,10 @@ def prior_distances(
         residual at the minimum.
     inverse
         Of half the loss's Hessian (size, size).
-    root, minimum
+    root
         As for `box_intervals`.
     """
-    found = np.zeros(len(minimum))
+    found = np.zeros(len(inverse))
     for answer, pull, residual in priors:
         weight = float(pull @ inverse @ answer)
         variance = max(float(np.sum((root @ answer) ** 2)) - weight**2, 0.0) + (1.0 - weight) ** 2

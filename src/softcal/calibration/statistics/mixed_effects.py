@@ -119,9 +119,9 @@ def _profile(values: Floats, variances: Floats, X: Floats) -> tuple[float, float
     from scipy.special import chdtri
 
     tail, dof = 0.5 * (1.0 - CONFIDENCE), X.shape[0] - X.shape[1]
-    low, high = (float(chdtri(dof, chance)) for chance in (tail, 1.0 - tail))
-    low, high = (np.sqrt(_at_squares(squares, values, variances, X)) for squares in (low, high))
-    return float(low), float(high)
+    squares = (float(chdtri(dof, chance)) for chance in (tail, 1.0 - tail))
+    low, high = (float(np.sqrt(_at_squares(one, values, variances, X))) for one in squares)
+    return low, high
 
 
 def _at_squares(squares: float, values: Floats, variances: Floats, X: Floats) -> float:

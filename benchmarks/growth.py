@@ -50,7 +50,7 @@ def measure(quick: bool) -> Section:
         [
             f"{one['tets']:,}", f"{one['unknowns']:,}", one["equilibria"], str(one["factorisations"]),
             str(one["iterations"]), f"{one['seconds']:.2f}", f"{one['tension']:.4f} N", f"{one['memory']:.2f} GB",
-            f"{one['ccx']:.0f}" if "ccx" in one else f"({kept.get(str(one['unknowns']), '–')})",
+            f"{one['ccx']:.0f}" if "ccx" in one else f"({s})" if (s := kept.get(str(one["unknowns"]))) else "–",
         ]
         for one in found
     ]  # fmt: skip

@@ -382,7 +382,7 @@ CORNER = (FOOT, "corner: {box: {lower: [-11 mm, -11 mm, 39 mm], upper: [-9 mm, -
 def test_a_joint_on_one_line_is_warned_of(tmp_path: Path, changes: tuple[Change, ...], where: str, turns: str):
     (warning,) = load(write_robot(tmp_path, *changes)).warnings
     assert f"robot.{where}" in str(warning)
-    assert f"one line, about which {turns} can turn without force" in str(warning)
+    assert f"one line, about which nothing but cables and weight holds {turns}" in str(warning)
 
 
 def test_a_plate_on_a_line_of_each_of_two_bodies_is_not_warned_of(tmp_path: Path):

@@ -370,7 +370,7 @@ def by_command(
     if len(which) == 0:
         return right
     if guess is not None:
-        guess = np.concatenate([guess[:first], np.where(now.is_held[:, None], 0.0, guess[first:])])
+        guess = np.concatenate([guess[:first], np.where(now.is_held[:, None], 0.0, guess[first:])]) * right.any(axis=0)
     dz = statics.solve(-right, accuracy, guess)
     efforts = dz[first:]
     efforts[now.is_held] = 0.0

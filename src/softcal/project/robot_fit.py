@@ -122,7 +122,7 @@ def _check_hinges(robot: Robot, findings: Findings) -> None:
     for name, turns in hinges(robot) if robot.contact is None else []:
         findings.warn(
             ("robot", *keys[name]),
-            f"the nodes are at one point or on one line, about which {turns} can turn without force",
+            f"the nodes are at one point or on one line, about which nothing but cables and weight holds {turns}",
             attempt="a region that spans a surface",
         )
 

@@ -28,6 +28,7 @@ CLOSE, POOR = 0.03, 0.10
 _NOISE = 1.2
 # The measured values are a multiple of the twin's from this correlation on, and within a factor of so much near them.
 _MULTIPLE, _NEAR = 0.8, 2.0
+_STILL = 1e-6  # [SI]: changes of the twin by less are rounding
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class Miss:
     """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the noise if known.
 
     word: for its kind; carrier: the actuator, plate or sensor, "" of a short name; multiple: by how much the measured
-    values are a multiple of the twin's, but for an offset, 1 where none or near; is_alone: of a test of one sample.
+    values are a multiple of the twin's, but for an offset, 1 where none or near; is_still: of a test of one sample, or
+    where neither the record nor the twin changes.
     """
 
     experiment: str
@@ -46,12 +48,12 @@ class Miss:
     in_noise: float | None
     carrier: str = ""
     multiple: float = 1.0
-    is_alone: bool = False
+    is_still: bool = False
 
     @property
     def is_poor(self) -> bool:
         """Whether the channel by itself is reproduced poorly."""
-        return not self.is_alone and closeness([self])[1] == "warning"
+        return not self.is_still and closeness([self])[1] == "warning"
 
     @property
     def size(self) -> str:
@@ -82,8 +84,9 @@ def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Mis
                 sigma = channels[channel].sigma
             in_noise = error / sigma if sigma else None
             share, multiple = share_of_range(fit, channel), _multiple(fit, channel)
-            alone = len(fit.measured.get(channel, ())) == 1
-            yield Miss(name, word, error, of.kind.unit, share, in_noise, of.carrier, multiple, alone)
+            simulated = fit.simulated.get(channel, np.zeros(1))
+            still = len(simulated) == 1 or (share is None and np.nanmax(simulated) - np.nanmin(simulated) < _STILL)
+            yield Miss(name, word, error, of.kind.unit, share, in_noise, of.carrier, multiple, bool(still))
 
 
 def _multiple(fit: ExperimentFit, channel: str) -> float:

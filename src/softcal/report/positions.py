@@ -120,7 +120,8 @@ def prediction_sentence(result: SearchResult) -> Remark | None:
         inside = f"{100 * share:.0f} % of the values of {worst} are within the 95 % band of a further test"
         text += f"; {'at worst ' * (len(within) > 1)}{inside}"
         if share < _OUTSIDE:
-            return Remark(f"{text}: it contradicts the fitted tests, or the model is wrong there.", "warning")
+            test = worst.rpartition(" of ")[2]
+            return Remark(f"{text}: {test} contradicts the fitted tests, or the model is wrong there.", "warning")
         return Remark(f"{text}.", "good" if share > _INSIDE else "note")
     distances = ((place, place.fit.distance) for place in predicted)
     each = joined(f"{at.experiment} to {distance_text(d, at.fit.length)}" for at, d in distances if d is not None)

@@ -273,7 +273,7 @@ def prior_note(parameter: FreeParameter, estimate: Estimate) -> Remark:
     text = (
         f"{parameter.label} is about {estimate.off_prior:.0f} standard errors from the mean of its prior, {mean} with "
         f"a standard deviation of {sd}: prior and data contradict each other, so that one of them or the model is "
-        "wrong; the errors of this fit are multiplied by the largest such number."
+        "wrong; the errors of this fit are multiplied by the largest distance from a prior or a bound."
     )
     return Remark(text, "warning")
 

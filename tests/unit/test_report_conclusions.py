@@ -292,10 +292,11 @@ def test_a_channel_that_the_twin_does_not_fit_is_in_the_first_sentence(factor: f
     assert words in told(shown, "warning")
 
 
-def test_a_test_of_one_sample_has_no_range_by_which_it_is_poor() -> None:
-    one = {"tension": np.array([5.0])}
-    made = ExperimentFit({"tension": 0.01}, {}, one, {"tension": np.array([5.01])}, {"tension": "N"})
-    assert verdict(content({"joint": result("a", "b", made=made)})).sentences[0].startswith("E = ")
+@pytest.mark.parametrize(("n", "moves", "fits"), [(1, 0.0, True), (4, 1e-9, True), (4, 1.0, False)])
+def test_a_channel_without_a_range_is_poor_only_where_the_twin_has_one(n: int, moves: float, fits: bool) -> None:
+    record, twin = {"tension": np.full(n, 5.0)}, {"tension": 5.01 + moves * np.arange(n)}
+    made = ExperimentFit({"tension": 0.01}, {}, record, twin, {"tension": "N"})
+    assert verdict(content({"joint": result("a", "b", made=made)})).sentences[0].startswith("E = ") == fits
 
 
 def test_an_error_of_the_size_of_the_noise_is_as_close_as_can_be() -> None:

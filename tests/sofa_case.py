@@ -85,7 +85,10 @@ def assert_tip_as_measured(robot: Robot, shape: Snapshot, row: dict) -> None:
 
 
 def many_parts() -> Robot:
-    """Two tied blocks, a fixed and a moving plate with mass, cables over all kinds of points, loads and markers."""
+    """Two tied blocks, a fixed and a moving plate with mass, cables over all kinds of points, loads and markers.
+
+    The forces of its cables act at points of the blocks, as SOFA's do.
+    """
     low = box_mesh((0.03, 0.03, 0.05), (2, 2, 3), origin=(-0.015, -0.015, 0.0))
     high = box_mesh((0.02, 0.02, 0.05), (2, 2, 3), origin=(-0.01, -0.01, 0.05))
     foot = Plate("foot", {"low": low.node_sets["z0"]}, np.zeros(3), fixed=True)
@@ -101,14 +104,14 @@ def many_parts() -> Robot:
     through = Cable(
         "through",
         (
-            ViaPoint((0.01, 0.0, 0.1), "head"), ViaPoint((0.009, 0.0, 0.07), "high"),
-            ViaPoint((0.012, 0.0, 0.03), "low"), ViaPoint((0.012, 0.0, -0.02)),
+            ViaPoint((0.01, 0.0, 0.1), "head"), ViaPoint((0.009, 0.0, 0.07), "high", 0.0),
+            ViaPoint((0.012, 0.0, 0.03), "low", 0.0), ViaPoint((0.012, 0.0, -0.02)),
         ),
     )  # fmt: skip
     inner = Cable("inner", (ViaPoint((-0.02, 0.0, 0.1), "head"), ViaPoint((-0.02, 0.0, 0.0), "foot")))
     between = Cable(
         "between",
-        (ViaPoint((0.05, 0.0, 0.1), "head"), ViaPoint((0.05, 0.0, 0.05)), ViaPoint((0.0, 0.014, 0.04), "low")),
+        (ViaPoint((0.05, 0.0, 0.1), "head"), ViaPoint((0.05, 0.0, 0.05)), ViaPoint((0.0, 0.014, 0.04), "low", 0.0)),
         pulled_end="first",
     )
     loads = (

@@ -130,8 +130,8 @@ def _calculix(robot: Robot, limit: float = CALCULIX_LIMIT) -> dict[str, float]:
 
 
 def calculix_alone() -> None:
-    """Keep CalculiX's CPU seconds on the meshes that `measure` leaves out."""
-    kept = dict[str, float]()
+    """Keep CalculiX's CPU seconds on the meshes that `measure` leaves out, beside those that are kept."""
+    kept: dict[str, float] = json.loads(CALCULIX_KEPT.read_text(encoding="utf-8"))
     for tets in TETS:
         robot = neck_robot(Neck(tets=tets).mesh(), "P2P1")
         unknowns = twin_of(robot, {}).system.layout.n_unknowns

@@ -31,7 +31,7 @@ AS_MANY = 0.3  # of the unknowns: as many products of low rank make the tangent 
 # that it saves: neck, P2P1, one core: 7k unknowns 12 ms, and 1 ms an iteration; 28k 180 (single 110) and 10; 75k 1,310
 # (750) and 35.
 LARGE = 20_000
-SMALL = 8.0  # solutions by iteration that cost as much as the factorisation of a small matrix
+SMALL = 8.0  # iterations as expensive as a factorisation, at least: small matrices have fewer by their entries
 ANALYSED = 2.0  # times as long: a factorisation with an analysis, as of what touches anew
 EXACT = 1e-11  # relative error of solutions for slopes and derivatives
 CERTAIN = 1e-5  # relative error of a random solution: a random vector's share in a mode is above that

@@ -320,7 +320,7 @@ class _Continuation:
 
 
 def _advice(system: System) -> str:
-    """What to try where elements fail first, of what the robot may have or lacks."""
+    """The advice where elements fail first: changes of cables that the robot has, contact where it has none."""
     pulled = "a plate where a force acts, or a via point with a radius, " if cables_of(system).names else ""
     meeting = "" if system.contacts else "contact where surfaces meet, "
     return f"Try {pulled}larger elements there, {meeting}or a law that stiffens in compression"

@@ -113,14 +113,13 @@ def prediction_sentence(result: SearchResult) -> Remark | None:
             for name, fit in held.items()
         )
         text = f"Held out of the fit and predicted (RMS): {errors}"
-        within = {f"{c} of {name}": share for name, fit in held.items() for c, share in _within_bands(fit).items()}
+        within = {(name, c): share for name, fit in held.items() for c, share in _within_bands(fit).items()}
         if not within:
             return Remark(f"{text}.") if errors else None
-        worst, share = min(within.items(), key=lambda one: one[1])
-        inside = f"{100 * share:.0f} % of the values of {worst} are within the 95 % band of a further test"
+        (test, channel), share = min(within.items(), key=lambda one: one[1])
+        inside = f"{100 * share:.0f} % of the values of {channel} of {test} are within the 95 % band of a further test"
         text += f"; {'at worst ' * (len(within) > 1)}{inside}"
         if share < _OUTSIDE:
-            test = worst.rpartition(" of ")[2]
             return Remark(f"{text}: {test} contradicts the fitted tests, or the model is wrong there.", "warning")
         return Remark(f"{text}.", "good" if share > _INSIDE else "note")
     distances = ((place, place.fit.distance) for place in predicted)

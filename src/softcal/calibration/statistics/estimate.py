@@ -133,7 +133,7 @@ class Estimate:
 
     @property
     def contradicts_prior(self) -> bool:
-        """Whether the data contradict its prior: they are further from each other than chance explains."""
+        """Whether data and prior contradict each other: chance does not explain their distance."""
         return self.off_prior is not None and self.off_prior > OFF_PRIOR
 
     def __post_init__(self) -> None:

@@ -7,6 +7,9 @@ channels of the experiment together, since the parameters follow. Its share is t
 fall. These shares compare causes; they do not sum to one, since shapes are alike. What the parameters can all but do,
 such as a gain beside a modulus, would have to be larger than the record to leave what it leaves: it is no cause. Of
 causes that are about as clear, each may be the true one, with the probability that their likelihoods give it.
+
+An error of the robot's description, such as a via point beside its place, has one size in all channels and experiments,
+and its shapes are the twin's own derivatives. It counts where it alone explains most of what the parameters leave.
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ LAW = "another material law or friction in bends"  # of one shape along a record
 CONTACT = "contact of surfaces"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
 _BEGINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # of the range of a force: where contact may begin
+COUNTS = 3.0  # standard errors of the clearest shape from which what the model may miss counts, from one more in whole
+_MOST = 0.5  # of the squares: an error of the robot's description that explains less is no explanation
 _BRANCH = 0.1  # of the samples: a branch of a cycle
 _FEWEST = 8  # values more than parameters and shapes together
 _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact fit
@@ -48,6 +53,63 @@ class Misfit:
     significance: float
     changes: Floats | None = None
     in_residuals: float = 0.0
+
+
+@dataclass(frozen=True)
+class RobotError:
+    """An error of the robot's description that would explain what the twin misses in all experiments.
+
+    Attributes
+    ----------
+    size
+        By how much the parameter of the robot would be off [SI], by the derivatives.
+    share
+        The share [-] that it explains of the squared residuals beyond those of the noise, without what the parameters
+        can do.
+    worth
+        How many standard errors it is worth [-].
+    moved
+        Changes (size,) of the fitted parameters with it [SI].
+    """
+
+    size: float
+    share: float
+    worth: float
+    moved: Floats
+
+
+def robot_errors(blocks: Sequence[Block], changes: Sequence[Floats]) -> list[RobotError | None]:
+    """Of each error of the robot's description its size; None where it does not explain most of the residuals.
+
+    Parameters
+    ----------
+    blocks
+        Those of all experiments, and priors, with jacobians.
+    changes
+        Changes (n, k) of each block's residual by a unit of each of the k errors.
+    """
+    jacobians = [block.jacobian for block in blocks if block.jacobian is not None]
+    scales = np.linalg.norm(np.concatenate(jacobians), axis=0)
+    scales = np.where(scales > 0.0, scales, 1.0)
+    triples = zip(blocks, jacobians, changes, strict=True)
+    records = [_whitened(block, J / scales, change) for block, J, change in triples]
+    answer = np.concatenate([one.answer for one in records])
+    basis = span(answer)
+    residual = _without(basis, np.concatenate([one.residual for one in records]))
+    noise = sum(len(one.residual) for one in records if one.shapes) - basis.shape[1]
+    beyond = float(residual @ residual) - max(noise, 0)
+    found: list[RobotError | None] = []
+    for shape in np.concatenate([one.changes for one in records]).T:
+        left = _without(basis, shape)
+        size, along = float(left @ left), float(left @ residual)
+        if size <= _ABSORBED**2 * float(shape @ shape):
+            found.append(None)
+            continue
+        off, worth = -along / size, abs(along) / math.sqrt(size)
+        share = min(worth**2 / max(beyond, 1e-300), 1.0)
+        moved = np.linalg.lstsq(answer, -off * shape, rcond=None)[0] / scales
+        found.append(RobotError(off, share, worth, moved) if share >= _MOST and worth > COUNTS else None)
+    return found
 
 
 def misfits(blocks: Sequence[Block]) -> list[Misfit]:
@@ -100,27 +162,31 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
 
 @dataclass(frozen=True)
 class _Whitened:
-    """A channel's residuals (m,), their derivatives (m, size) and the shapes (m,) of causes, divided by the noise, with
-    the shapes (n,) along the record; largest: the range of what was measured, or of the predictions.
+    """A channel's residuals (m,), their derivatives (m, size), the shapes (m,) of causes and the changes (m, k) by
+    errors of the robot, divided by the noise, with the shapes (n,) along the record; largest: the range of what was
+    measured, or of the predictions.
     """
 
     residual: Floats
     answer: Floats
     shapes: Sequence[tuple[str, Floats, Floats]]
+    changes: Floats
     largest: float
 
 
-def _whitened(block: Block, jacobian: Floats) -> _Whitened:
+def _whitened(block: Block, jacobian: Floats, changes: Floats | None = None) -> _Whitened:
     n, rms = len(block.residual), float(np.sqrt(np.mean(block.residual**2)))
     largest = float(max(np.ptp(block.measured), np.ptp(block.measured + block.residual)))
-    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), (), largest)
+    changes = np.zeros((n, 0)) if changes is None else changes
+    unit = np.maximum(rms if block.experiment else block.sigma, 1e-300)
+    plain = _Whitened(block.residual / unit, jacobian / unit, (), changes / unit, largest)
     if n < FEWEST_OF_CURVE or rms <= _ROUNDING * float(np.abs(block.measured).max()):
         return plain
     shapes = [(cause, shape / np.linalg.norm(shape)) for cause, shape in _shapes(block)]
-    columns = np.column_stack([jacobian, *(shape for _, shape in shapes)])
+    columns = np.column_stack([jacobian, *(shape for _, shape in shapes), changes])
     averaged = record(block.residual, columns, columns)
     # Contact from several places on would leave no noise.
-    beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes]
+    beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes] + [False] * changes.shape[1]
     noise = replace(averaged, answer=averaged.answer[:, beside])
     X = span(noise.answer)
     left = _without(X, averaged.residual)
@@ -132,13 +198,9 @@ def _whitened(block: Block, jacobian: Floats) -> _Whitened:
     lower = np.linalg.cholesky(white * np.eye(m) if correlated is None else correlated.covariance(m))
     columns = np.column_stack([averaged.residual, averaged.answer])
     divided = np.asarray(np.linalg.solve(lower, columns), dtype=np.float64)
-    ends = divided[:, 1 + jacobian.shape[1] :].T
-    return _Whitened(
-        divided[:, 0],
-        divided[:, 1 : 1 + jacobian.shape[1]],
-        [(cause, end, shape) for (cause, shape), end in zip(shapes, ends, strict=True)],
-        largest,
-    )
+    residual, answer, of_causes, of_robot = np.split(divided, np.cumsum([1, jacobian.shape[1], len(shapes)]), axis=1)
+    ends = [(cause, end, shape) for (cause, shape), end in zip(shapes, of_causes.T, strict=True)]
+    return _Whitened(residual[:, 0], answer, ends, of_robot, largest)
 
 
 def _shapes(block: Block) -> list[tuple[str, Floats]]:

@@ -23,9 +23,9 @@ from softcal.checks import Floats, Ints
 PRIOR = ""
 """The group of the priors."""
 DRIFT, MISFIT = "drift", "misfit"
-_ANY_LESS = 1.0 / np.sqrt(3.0)
+ANY_LESS = 1.0 / np.sqrt(3.0)
 """Standard deviation of what is at most one, of either sign, where all sizes are as likely."""
-_CONCEALED = 2.0 * _ANY_LESS
+_CONCEALED = 2.0 * ANY_LESS
 """Standard deviation of a drift in standard errors of its own estimate from a record, where up to two of them are as
 likely as none."""
 _ITERATIONS = 200
@@ -262,7 +262,7 @@ def misfit_sources(parts: Sequence[ScaledBlock]) -> list[Source]:
     found: list[Source] = []
     for part in parts:
         if part.misfit is not None:
-            alone, pull = (_ANY_LESS * changes.T @ part.pull for changes in part.misfit)
+            alone, pull = (ANY_LESS * changes.T @ part.pull for changes in part.misfit)
             held = ErrorRecord(np.zeros(len(pull)), np.zeros_like(pull), pull, part.experiment, alone)
             found.append(Source(MISFIT, part.group, (held,), 1.0, np.inf))
     return found

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bore_case import drilled_robot
 from mechanics_cases import column_robot, elastic, side_cable
 
 from softcal.calibration.problem.experiment import Experiment
@@ -14,9 +15,10 @@ from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
-from softcal.calibration.search.robot_errors import DESCRIPTION, suspects
+from softcal.calibration.search.robot_errors import DESCRIPTION, suspects, with_named_points
 from softcal.calibration.statistics.misfit import robot_errors
 from softcal.experiments.dataset import Channel, Dataset
+from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -125,6 +127,12 @@ def test_the_size_of_an_error_is_that_of_least_squares():
     assert error.size == pytest.approx(0.8, rel=0.05)
     assert error.moved == pytest.approx([moved], rel=0.05)
     assert error.share > 0.95
+
+
+def test_via_points_in_a_bore_stay():
+    """They cannot move there, and a twin without them has no derivatives by anything."""
+    assert build_twin(with_named_points(drilled_robot()))
+    assert all(via.name for cable in with_named_points(neck()).cables for via in cable.via_points)
 
 
 def test_another_engine_has_no_suspects():

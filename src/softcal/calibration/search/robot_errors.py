@@ -10,7 +10,7 @@ parameter.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,7 +128,7 @@ def suspects(problem: Problem, best: Evaluation, uncertain: Sequence[UncertainPa
     """
     if problem.simulate is not None or any(block.jacobian is None for block in best.blocks):
         return []
-    robot = _with_named_points(problem.robot)
+    robot = with_named_points(problem.robot)
     known, apart = robot_parameters(robot), {part.name for part in (*robot.bodies, *robot.markers)}
     smooth = (f"{cable.name}.friction_coefficient" for cable in robot.cables if cable.friction_coefficient == 0.0)
     stated = {*problem.derived, *smooth, *(name for one in problem.experiments for name in one.settings)}
@@ -162,22 +162,23 @@ def _changes(block: Block, n: int) -> Floats:
     return np.zeros((len(block.residual), n)) if block.systematic is None else block.systematic
 
 
-def _with_named_points(robot: Robot) -> Robot:
-    """The robot with names for all via points that a cable states, where these are few and the cable has no axis. One
-    for all fits of a robot, so that its twin is built once.
+def with_named_points(robot: Robot) -> Robot:
+    """The robot with names for all via points that a cable states, where these are few, the cable has no axis, and none
+    is in a body: in a bore it cannot move. One for all fits of a robot, so that its twin is built once.
     """
     if sum(via.share is None for cable in robot.cables for via in cable.via_points) > MOST_VIA_POINTS:
         return robot
     if not (_LAST and _LAST[0][0] is robot):
-        _LAST[:] = [(robot, replace(robot, cables=tuple(map(_named, robot.cables))))]
+        bodies = {body.name for body in robot.bodies}
+        _LAST[:] = [(robot, replace(robot, cables=tuple(_named(cable, bodies) for cable in robot.cables)))]
     return _LAST[0][1]
 
 
 _LAST: list[tuple[Robot, Robot]] = []  # the last robot, and with names
 
 
-def _named(cable: Cable) -> Cable:
-    if cable.routing_axis is not None or any(via.name for via in cable.via_points):
+def _named(cable: Cable, bodies: Collection[str]) -> Cable:
+    if cable.routing_axis is not None or any(via.name or via.on in bodies for via in cable.via_points):
         return cable
     numbers = itertools.count(1)
     points = (replace(via, name=f"via{next(numbers)}") if via.share is None else via for via in cable.via_points)

@@ -21,7 +21,7 @@ from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.problem.problem import Evaluation, Problem
 from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.statistics.estimate import Remark
-from softcal.calibration.statistics.misfit import COUNTS, RobotError, robot_errors
+from softcal.calibration.statistics.misfit import COUNTS, RobotError, likelihoods, robot_errors
 from softcal.calibration.statistics.noise import ANY_LESS, MISFIT
 from softcal.calibration.statistics.residuals import SHOWN
 from softcal.checks import Floats
@@ -40,7 +40,6 @@ MOST_VIA_POINTS = 12  # of all cables: of more, none is suspected by itself
 _FAR = 0.05  # of a cable's length: a via point further off is no slip of a ruler
 _LONGER = 0.1  # of a length: the same
 _HEAVIEST = 12.0  # [m/s^2]; no gravity is larger
-_CURVED = 0.05  # of the decrease of the squares: by so much it may be another than the derivatives predict
 _LIKELY = 0.1  # of the likelihood of the clearest error: a less likely one does not count
 _NAMED = 3
 
@@ -149,11 +148,8 @@ def suspects(problem: Problem, best: Evaluation, uncertain: Sequence[UncertainPa
         for k, (info, error) in enumerate(zip(infos, robot_errors(best.blocks, changes), strict=True))
         if error is not None and _is_possible(robot, problem.space, best, info, error)
     ]
-    if not found:
-        return []
-    most = max(one.error.worth for one in found)
-    likelihoods = [np.exp((one.error.worth**2 - most**2) / (2.0 * max(1.0, _CURVED * most**2))) for one in found]
-    found = [replace(one, likelihood=p) for one, p in zip(found, likelihoods, strict=True) if p >= _LIKELY]
+    each = zip(found, likelihoods([one.error.worth for one in found]), strict=True)
+    found = [replace(one, likelihood=p) for one, p in each if p >= _LIKELY]
     return sorted(found, key=lambda one: -one.likelihood)
 
 

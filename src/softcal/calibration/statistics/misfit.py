@@ -25,13 +25,15 @@ from softcal.calibration.statistics.correlation import process, record, span
 from softcal.calibration.statistics.residuals import FEWEST_OF_CURVE
 from softcal.checks import Floats
 
-OFFSET, DRIFT, GAIN = "an offset", "a drift", "a gain"
+OFFSET, DRIFT, GAIN = "an offset", "a drift or relaxation", "a gain"
 SLACK, FRICTION = "a slack", "friction that reverses"
 LAW = "another material law or friction in bends"  # of one shape along a record without reversal
 CONTACT = "contact of surfaces"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
+_RELAXES = (1.0, 3.0)  # over the time of a record: rates at which a force may relax
 _BEGINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # of the range of a force: where contact may begin
 COUNTS = 3.0  # standard errors of the clearest shape from which what the model may miss counts, from one more in whole
+_ROUGHLY = 0.02  # of the decrease of the squares by the clearest cause
 _MOST = 0.5  # of the squares: an error of the robot's description that explains less is no explanation
 _BRANCH = 0.1  # of the samples: a branch of a cycle
 _FEWEST = 8  # values more than parameters and shapes together
@@ -42,7 +44,8 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 class Misfit:
     """Of a channel: cause no larger than the record -> the share [-] of its squared residuals that it explains, the
     clearest first; how many standard errors the clearest shape of a cause of any size is worth; the changes (n, k)
-    of the residual by these causes but contact, each times the root of its probability among them, None without one;
+    of the residual by the shapes of these causes but contact, each times the root of its likelihood over that of the
+    clearest, None without one;
     and how many of these standard errors are in the channel's own residuals.
 
     The last is at most what the shape and the parameters together take off the squares of these residuals. It is less
@@ -53,6 +56,15 @@ class Misfit:
     significance: float
     changes: Floats | None = None
     in_residuals: float = 0.0
+
+
+def likelihoods(worth: Sequence[float]) -> list[float]:
+    """Likelihood of each cause over that of the clearest, by how many standard errors they are worth.
+
+    A cause has its shape only roughly: by some per cent its decrease of the squares may be another.
+    """
+    most = max(worth, default=0.0)
+    return [math.exp((one**2 - most**2) / (2.0 * max(1.0, _ROUGHLY * most**2))) for one in worth]
 
 
 @dataclass(frozen=True)
@@ -131,7 +143,7 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
         square = max(float(residual[rows] @ residual[rows]), 1e-300)
         significance = in_residuals = 0.0
         worth: dict[str, tuple[float, float]] = {}
-        changes: dict[str, Floats] = {}
+        changes: list[tuple[float, Floats]] = []
         for cause, shape, plain in one.shapes:
             whole = np.zeros(len(residual))
             whole[rows] = shape
@@ -147,14 +159,15 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
                 own = span(np.column_stack([one.answer, shape])).T @ whole_residual[rows]
                 in_residuals = max(in_residuals, min(pair[0], float(np.linalg.norm(own))))
             if float(np.abs(change := along / size * plain).max()) <= one.largest:
-                worth[cause], changes[cause] = max(worth.get(cause, pair), pair), change
+                worth[cause] = max(worth.get(cause, pair), pair)
+                if cause != CONTACT:
+                    changes.append((pair[0], change))
         # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
         first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
         clearest = worth[first][0] if first else 0.0
         ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
-        causes = [cause for cause in worth if cause != CONTACT]
-        likelihoods = np.exp([(worth[cause][0] ** 2 - clearest**2) / 2.0 for cause in causes])
-        likely = [np.sqrt(p / likelihoods.sum()) * changes[c] for c, p in zip(causes, likelihoods, strict=True)]
+        weights = likelihoods([clear for clear, _ in changes])
+        likely = [np.sqrt(p / sum(weights)) * change for p, (_, change) in zip(weights, changes, strict=True)]
         explained = {cause: share for cause, (_, share) in ordered}
         found.append(Misfit(explained, significance, np.column_stack(likely) if likely else None, in_residuals))
     return found
@@ -214,12 +227,14 @@ def _shapes(block: Block) -> list[tuple[str, Floats]]:
         (DRIFT, time - time[0]),
         (GAIN, y),
         (SLACK, slope),
+        (LAW, y * np.abs(y / largest)),
         (LAW, y * (y / largest) ** 2),
     ]
     rises = float(np.mean(slope > 0.0))
     if _BRANCH < rises < 1.0 - _BRANCH:
         shapes.append((FRICTION, np.sign(slope) * y))
     if block.grows_with_moduli:
+        shapes += [(DRIFT, y * np.expm1(-rate * (time - time[0]))) for rate in _RELAXES]
         low, high = float(y.min()), float(y.max())
         shapes += [(CONTACT, np.maximum(y - low - share * (high - low), 0.0)) for share in _BEGINS]
     return [(cause, shape) for cause, shape in shapes if np.any(shape != 0.0)]

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.loads import GRAVITY
 from softcal.mechanics.term import part_theta
 from softcal.twin.build import Twin
 from softcal.twin.channels import sensors_of
@@ -18,8 +17,7 @@ from softcal.twin.parameters import MODULUS, robot_parameters
 from softcal.twin.response import Derivatives, Response
 from softcal.twin.robot import Robot
 
-WEIGHT = ("kg", "kg/m^3", "m/s^2")  # units of the parameters of weights
-WITHOUT_FORCE = ("1", "m", "rad", "rad/m", *WEIGHT)  # of parameters that scale no force, where nothing has a weight
+WITHOUT_FORCE = ("1", "m", "rad", "rad/m", "kg", "kg/m^3")  # units of parameters that scale no force, without gravity
 DEGREES = {"N": 1, "m": 0, "rad": 0}  # of the channels of cables, plates and markers
 
 
@@ -53,8 +51,7 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
     if s == 1.0:
         return response
     infos, rates = robot_parameters(twin.robot), response.sensitivities
-    # As much more force, of moduli or of a weight that a robot without one would have, bends a stiffer robot less.
-    of_forces = np.array([infos[name].unit in (MODULUS, *WEIGHT) for name in rates.parameters], dtype=int)
+    of_moduli = np.array([infos[name].unit == MODULUS for name in rates.parameters], dtype=int)
     degrees = np.array([DEGREES[response.units[channel]] for channel in rates.channels], dtype=int)
 
     def scaled(values: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -64,7 +61,7 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
         response,
         channels=scaled(response.channels),
         slopes=scaled(response.slopes),
-        sensitivities=replace(rates, rates=rates.rates * s ** (degrees[:, None] - of_forces)),
+        sensitivities=replace(rates, rates=rates.rates * s ** (degrees[:, None] - of_moduli)),
         snapshots=tuple(
             replace(
                 shape,
@@ -103,7 +100,7 @@ def is_proportional(robot: Robot, theta: Mapping[str, float]) -> bool:
         and not robot.actuators
         and not robot.loads
         and not robot.remembers
-        and not (any(theta[n] for n in GRAVITY) and any(theta[n] for n in theta if n.endswith((".density", ".mass"))))
+        and not (robot.gravity.any() and any(theta[n] for n in theta if n.endswith((".density", ".mass"))))
         and (robot.contact is None or robot.contact.follows_moduli)
         and all(info.unit in (MODULUS, *WITHOUT_FORCE) for info in robot_parameters(robot).values())
         and all(body.elasticity.is_proportional(part_theta(theta, body.name)) for body in robot.bodies)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mechanics_cases import column_robot
 
 from softcal.geometry.shape import DrawnShape
 from softcal.materials.catalogue import LAWS
@@ -59,6 +60,17 @@ def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pyte
             assert np.array_equal(again.sensitivities[channel][name], fresh.sensitivities[channel][name])
     assert again.status == fresh.status
     assert again.n_factorisations == fresh.n_factorisations
+
+
+def test_a_mass_that_a_plate_has_not_bends_a_stiffer_robot_less():
+    """The derivative by a mass of zero under gravity, of a path that was followed at another modulus."""
+    robot, samples, theta = column_robot(gravity=(3.0, 0.0, -9.0)), (2e-3, 8e-3), {"neck.youngs_modulus": 0.4e6}
+    found = simulate(robot, pulled(*samples), theta, sensitivities=("plate.mass",))
+    less, more = (simulate(robot, pulled(*samples), {**theta, "plate.mass": mass}) for mass in (0.0, 1e-3))
+    for channel in ("front.tension", "plate.pitch"):
+        slope = (more.channels[channel] - less.channels[channel]) / 1e-3
+        assert np.abs(slope).max() > 0.0
+        np.testing.assert_allclose(found.sensitivities[channel]["plate.mass"], slope, rtol=1e-2)
 
 
 def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():

@@ -17,7 +17,8 @@ from softcal.twin.parameters import MODULUS, robot_parameters
 from softcal.twin.response import Derivatives, Response
 from softcal.twin.robot import Robot
 
-WITHOUT_FORCE = ("1", "m", "rad", "rad/m", "kg", "kg/m^3")  # units of parameters that scale no force, without gravity
+WEIGHT = ("kg", "kg/m^3")  # units of the parameters of weights
+WITHOUT_FORCE = ("1", "m", "rad", "rad/m", *WEIGHT)  # of parameters that scale no force, where nothing has a weight
 DEGREES = {"N": 1, "m": 0, "rad": 0}  # of the channels of cables, plates and markers
 
 
@@ -51,7 +52,8 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
     if s == 1.0:
         return response
     infos, rates = robot_parameters(twin.robot), response.sensitivities
-    of_moduli = np.array([infos[name].unit == MODULUS for name in rates.parameters], dtype=int)
+    # As much more force, of a modulus or of a weight that is zero here, bends a stiffer robot less.
+    of_forces = np.array([infos[name].unit in (MODULUS, *WEIGHT) for name in rates.parameters], dtype=int)
     degrees = np.array([DEGREES[response.units[channel]] for channel in rates.channels], dtype=int)
 
     def scaled(values: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -61,7 +63,7 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
         response,
         channels=scaled(response.channels),
         slopes=scaled(response.slopes),
-        sensitivities=replace(rates, rates=rates.rates * s ** (degrees[:, None] - of_moduli)),
+        sensitivities=replace(rates, rates=rates.rates * s ** (degrees[:, None] - of_forces)),
         snapshots=tuple(
             replace(
                 shape,

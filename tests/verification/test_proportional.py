@@ -62,7 +62,7 @@ def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pyte
     assert again.n_factorisations == fresh.n_factorisations
 
 
-def test_a_mass_that_a_plate_has_not_bends_a_stiffer_robot_less():
+def test_one_unit_of_a_mass_of_zero_bends_a_stiffer_robot_less():
     """The derivative by a mass of zero under gravity, of a path that was followed at another modulus."""
     robot, samples, theta = column_robot(gravity=(3.0, 0.0, -9.0)), (2e-3, 8e-3), {"neck.youngs_modulus": 0.4e6}
     found = simulate(robot, pulled(*samples), theta, sensitivities=("plate.mass",))

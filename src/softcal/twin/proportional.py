@@ -52,7 +52,7 @@ def at_moduli(twin: Twin, response: Response, s: float) -> Response:
     if s == 1.0:
         return response
     infos, rates = robot_parameters(twin.robot), response.sensitivities
-    # As much more force, of a modulus or of a weight that is zero here, bends a stiffer robot less.
+    # One unit more of a modulus, or of a weight that is zero here, bends a stiffer robot less.
     of_forces = np.array([infos[name].unit in (MODULUS, *WEIGHT) for name in rates.parameters], dtype=int)
     degrees = np.array([DEGREES[response.units[channel]] for channel in rates.channels], dtype=int)
 
@@ -97,13 +97,14 @@ def with_modulus(response: Response, name: str, modulus: float, names: Sequence[
 
 def is_proportional(robot: Robot, theta: Mapping[str, float]) -> bool:
     """Whether all forces are proportional to the moduli at theta [SI], by what the robot consists of."""
+    infos = robot_parameters(robot)
     return (
         all(type(each.sensor).__module__.startswith("softcal.sensing.") for each in sensors_of(robot))
         and not robot.actuators
         and not robot.loads
         and not robot.remembers
-        and not (robot.gravity.any() and any(theta[n] for n in theta if n.endswith((".density", ".mass"))))
+        and not (robot.gravity.any() and any(theta[name] for name, info in infos.items() if info.unit in WEIGHT))
         and (robot.contact is None or robot.contact.follows_moduli)
-        and all(info.unit in (MODULUS, *WITHOUT_FORCE) for info in robot_parameters(robot).values())
+        and all(info.unit in (MODULUS, *WITHOUT_FORCE) for info in infos.values())
         and all(body.elasticity.is_proportional(part_theta(theta, body.name)) for body in robot.bodies)
     )

@@ -408,16 +408,18 @@ class Estimator:
             self.answers += [[limit * row for row in answer] for _, answer in found]
 
     def _add_misfits(self) -> None:
-        """The causes in a channel that may have more than noise, by their probabilities, as large or smaller."""
+        """The causes in a channel that may have more than noise, by their probabilities, up to twice as large."""
         for e in self.fit.experiments:
             worths = causes(self.fit, e)
             for b in (b for b in self.fit.blocks if b.experiment == e):
-                clear, worth, changes = worths[b.channel]
+                clear, _, changes = worths[b.channel]
                 beyond_chance = clear**2 - 2 * math.log(max(len(worths), 2) / 2)
                 if beyond_chance > 9 and changes:
-                    odds = {cause: math.exp(worth[cause][0] ** 2 / 2 - clear**2 / 2) for cause in changes}
-                    likely = [math.sqrt(odds[cause] / sum(odds.values())) * changes[cause] for cause in changes]
-                    missing = np.stack(likely, axis=1) * math.sqrt(min(math.sqrt(beyond_chance) - 3, 1) / 3)
+                    most = max(t for t, _ in changes.values())
+                    odds = [math.exp((t**2 - most**2) / 2 / max(1, 0.02 * most**2)) for t, _ in changes.values()]
+                    parts = zip(odds, changes.values(), strict=True)
+                    likely = [math.sqrt(p / sum(odds)) * change for p, (_, change) in parts]
+                    missing = np.stack(likely, axis=1) * math.sqrt(min(math.sqrt(beyond_chance) - 3, 1) * 4 / 3)
                     one = Source("misfit", [b.bent(missing).T @ b.pull], [e], [missing.T @ b.pull])
                     self.sources.append(one)
                     self.answers.append(self._answer(one))
@@ -577,10 +579,13 @@ def profile_interval(minimum: np.ndarray, covariance: np.ndarray, j: int, t: flo
     return ends[0], ends[1]
 
 
-def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[float, float]], dict[str, np.ndarray]]]:
+Worth = dict[str, tuple[float, float]]
+
+
+def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str, tuple[float, np.ndarray]]]]:
     """Channel -> standard errors of the clearest shape; cause no larger than the record -> (those of it, the part of
-    the channel's own squares by which they fall where it is fitted beside the parameters); and what it changes of the
-    residuals.
+    the channel's own squares by which they fall where it is fitted beside the parameters); and for each shape the
+    standard errors of it, and what it changes of the residuals.
 
     Whitened by the noise beside all shapes (generalised least squares), both channels of the experiment together.
     """
@@ -593,10 +598,13 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
             continue
         time = b.time if b.drifts else np.linspace(0.0, 1.0, len(y))
         slope = np.gradient(y)
-        shapes = {"an offset": y * 0 + 1, "a drift": time, "a gain": y, "a slack": slope}
-        shapes["another material law or friction in bends"] = y**3
+        drift, law = "a drift or relaxation", "another material law or friction in bends"
+        shapes = {"an offset": y * 0 + 1, drift: time, "a gain": y, "a slack": slope}
+        shapes |= {law: y**3, f"{law} #2": y * abs(y)}
         if 0.1 < np.mean(slope > 0) < 0.9:
             shapes["friction that reverses"] = np.sign(slope) * y
+        if b.channel == "tension":
+            shapes |= {f"{drift} #{k}": y * (1 - np.exp(-k * (time - time[0]))) for k in (1, 3)}
         if b.channel == "tension":  # contact from a place on, by which the force is larger than without
             for share in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8):
                 hinge = y - ((1 - share) * y.min() + share * y.max())
@@ -637,8 +645,9 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, dict[str, tuple[
                     if whole @ r < 0 and one > worth.get("contact of surfaces", (0.0, 0.0)):
                         worth["contact of surfaces"] = one
                 else:
-                    worth[cause], changes[cause] = one, change
-        most = max((worth[cause][0] for cause in changes), default=0.0)
+                    named = cause.partition(" #")[0]
+                    worth[named], changes[cause] = max(one, worth.get(named, one)), (t, change)
+        most = max((t for t, _ in changes.values()), default=0.0)
         worth = {cause: (min(t, most), share) for cause, (t, share) in worth.items()}
         found[channel] = clearest, worth, changes
     return found

@@ -170,7 +170,7 @@ JOINT = "joint"
 # Names that a file system, a run folder or the rig's own parameters take.
 _DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10)))
 RESERVED_OF_TESTS = frozenset((JOINT, *_DEVICES))
-RESERVED_OF_PARTS = frozenset(("frame", "pulleys", "rig", *_DEVICES))
+RESERVED_OF_PARTS = frozenset(("frame", "gravity", "pulleys", "rig", *_DEVICES))
 _NAME = re.compile(r"\w([\w .+()-]*[\w+()-])?")
 ALLOWED = "letters, digits, and _ - + . ( ) or blanks between them"
 

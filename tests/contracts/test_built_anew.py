@@ -76,7 +76,7 @@ def arm(v: Values) -> Robot:
         Moment("turn", "tip", v["turn.moment"] * WAY, direction=WAY),
     )
     marker = Marker("dot", "arm", centre + s * ([0.01, 0.005, 0.02] - centre) + offset(v, "dot"))
-    return Robot((body,), (tip,), cables, loads, gravity=[3.0, -6.0, -4.0], markers=(marker,))
+    return Robot((body,), (tip,), cables, loads, gravity=[v[f"gravity.g{axis}"] for axis in "xyz"], markers=(marker,))
 
 
 def box(v: Values) -> Robot:
@@ -100,6 +100,7 @@ ARM = {
     "arm.soft.youngs_modulus": 0.17e6, "arm.soft.poissons_ratio": 0.43, "arm.soft.density": 800.0, "arm.scale": 1.0,
     "tip.mass": 0.011, "front.friction_coefficient": 0.13, "front.stiffness": 310.0, "front.compliance": 3e-4,
     "front.pretension": 0.23, "front.presliding": 2e-3, "front.friction_preload": 0.17, "side.spring_rate": 900.0,
+    "gravity.gx": 3.0, "gravity.gy": -6.0, "gravity.gz": -4.0,
     "side.rest_length": 0.0695, "turned.compliance": 2e-3, "push.force": 0.03, "turn.moment": 4e-4,
     **{f"turned.routing_{kind}": 0.0 for kind in ("offset", "angle", "twist")},
     **{f"{owner}.{axis}_offset": 0.0 for owner in ("front.a", "side.a", "side.b", "dot") for axis in "xyz"},

@@ -188,7 +188,7 @@ def test_a_prior_that_contradicts_the_data_widens_the_errors(far: float, said: b
     s = 0.1 / math.sqrt(n)
     away = far * math.hypot(s, sd)
     a = 0.5 + away * s**2 / (s**2 + sd**2)
-    data = Block("pull", "tension", np.ones(n), a - 0.5 + wave, 0.1, np.ones((n, 1)))
+    data = Block("pull", "tension", 1.0 - wave, a - 0.5 + wave, 0.1, np.ones((n, 1)))
     prior = Block("", "prior of a", np.array([0.5 + away]), np.array([a - 0.5 - away]), sd, np.ones((1, 1)))
     space = SearchSpace((FreeParameter("a", "m", -10.0, 10.0, prior_mean=0.5 + away, prior_sd=sd),))
     statistics = local_statistics(space, LikelihoodLoss(), {"a": a}, [data, prior])

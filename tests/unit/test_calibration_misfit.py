@@ -132,7 +132,7 @@ def test_no_cause_is_larger_than_the_record() -> None:
     J = np.column_stack([predicted, np.ones(N)])
     error = 3.0 * D + 1e-4 * np.random.default_rng(4).standard_normal(N)
     left = error - J @ np.linalg.lstsq(J, error, rcond=None)[0]
-    (found,) = misfits([Block("pull", "tension", predicted - left, left, np.full(N, 0.01), J)])
+    (found,) = misfits([Block("pull", "pitch", predicted - left, left, np.full(N, 0.01), J)])
     assert DRIFT not in found.explained
     assert LAW in found.explained
     assert found.significance > 10.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coupon_case import write_coupon
-from mechanics_cases import body_theta, held, irregular_box, placed
+from mechanics_cases import held, irregular_box, placed
 from project_case import write_project
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
@@ -25,6 +25,7 @@ from softcal.plugins.coupons.history_response import response_of
 from softcal.plugins.coupons.material_block import material_block
 from softcal.project.project import load
 from softcal.twin.build import build_twin
+from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import Body, Robot
 
 # Up, a hold, down and up again beyond.
@@ -92,7 +93,7 @@ def test_a_block_of_elements_has_the_stresses_of_the_coupon(element: str):
     own = {name: {**LAW, **HISTORY, "bulk_modulus": 1e8}[name] for name in names}
     body = Body("body", mesh, np.array([0]), own, "yeoh", element, history=parts)
     system = build_twin(Robot((body,))).system
-    state, stress, theta = placed(system, mesh.points), list[float](), {**body_theta(own), "body.density": 0.0}
+    state, stress, theta = placed(system, mesh.points), list[float](), parameter_values(Robot((body,)))
     for gamma, dt in zip(coupon.strain[:, 0], np.diff(TIMES, prepend=0.0), strict=True):
         F = np.eye(3)
         F[0, 1] = gamma

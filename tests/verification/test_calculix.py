@@ -15,6 +15,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
 from softcal.plugins.calculix.format import CARDS, law_lines
 from softcal.twin.build import build_twin
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Robot, SurfaceLoad
 from softcal.twin.simulate import simulate
@@ -65,7 +66,7 @@ def bent(law: str, parameters: dict[str, float], traction: float) -> tuple[Robot
     robot = Robot((body,), loads=(shear,))
     response = simulate(robot, Protocol({}), snapshots=True)
     assert response.succeeded, response.status
-    forces = build_twin(robot).system.loads.total({"bar.density": 0.0})[: mesh.n_points]
+    forces = build_twin(robot).system.loads.total(parameter_values(robot))[: mesh.n_points]
     return robot, forces, response.snapshots[-1].points["bar"] - mesh.points
 
 

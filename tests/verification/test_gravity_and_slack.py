@@ -162,7 +162,7 @@ def test_what_no_cable_can_do_is_refused():
         simulate(robot, tensed(1.0, cable="back"))
     with pytest.raises(ParameterError, match=r"Try: 'neck\.youngs_modulus'"):
         simulate(robot, tensed(1.0), sensitivities=("neck.young_modulus",))
-    with pytest.raises(ParameterError, match=r"allowed: .*plate\.mass\.$"):
+    with pytest.raises(ParameterError, match=r"Try: 'plate\.mass'"):
         simulate(robot, tensed(1.0), sensitivities=("plate.friction_coefficient",))
 
 

@@ -15,6 +15,7 @@ from softcal.materials.neo_hooke import NEO_HOOKE
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin
+from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import Body, Robot, SurfaceLoad
 
 E = 1.0e5
@@ -42,7 +43,8 @@ def dead_forces(mesh, stress):
         for side in (f"{name}0", f"{name}1")
     )
     block = Body("block", mesh, fixed=np.array([0]), parameters=elastic(), element="P1" if mesh.order == 1 else "P2")
-    return build_twin(Robot((block,), loads=loads)).system.loads.total({"block.density": 0.0})[: mesh.n_points]
+    robot = Robot((block,), loads=loads)
+    return build_twin(robot).system.loads.total(parameter_values(robot))[: mesh.n_points]
 
 
 @pytest.mark.parametrize("element", ELEMENTS)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mechanics_cases import body_theta, column_robot, elastic, held, irregular_box, placed
+from mechanics_cases import column_robot, elastic, held, irregular_box, placed
 from scipy.integrate import solve_ivp
 from scipy.special import erf
 
@@ -189,7 +189,8 @@ def strained(element: str, law: str, nu: float, names: tuple[str, ...], lengths:
         for one in (*LAWS[law].parameters, *history_of(names).parameters)
     }
     body = Body("body", mesh, np.array([0]), own, law, element, history=names)
-    system, theta = build_twin(Robot((body,))).system, {**body_theta(own), "body.density": 0.0}
+    robot = Robot((body,))
+    system, theta = build_twin(robot).system, parameter_values(robot)
     bulk = body.elasticity.bulk_modulus(elastic(1e6, nu))
     state, out = placed(system, mesh.points.copy()), list[float]()
     for length in lengths:

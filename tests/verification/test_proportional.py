@@ -62,15 +62,19 @@ def test_a_path_at_another_modulus_costs_nothing(robot: Robot, monkeypatch: pyte
     assert again.n_factorisations == fresh.n_factorisations
 
 
-def test_one_unit_of_a_mass_of_zero_bends_a_stiffer_robot_less():
-    """The derivative by a mass of zero under gravity, of a path that was followed at another modulus."""
-    robot, samples, theta = column_robot(gravity=(3.0, 0.0, -9.0)), (2e-3, 8e-3), {"neck.youngs_modulus": 0.4e6}
-    found = simulate(robot, pulled(*samples), theta, sensitivities=("plate.mass",))
-    less, more = (simulate(robot, pulled(*samples), {**theta, "plate.mass": mass}) for mass in (0.0, 1e-3))
+@pytest.mark.parametrize(
+    ("name", "own"), [("gravity.gx", {"density": 900.0}), ("plate.mass", {"gravity": (3.0, 0.0, -9.0)})]
+)
+def test_a_weight_that_the_robot_has_not_bends_a_stiffer_one_less(name: str, own: dict[str, Any]):
+    """The derivative by a weight that is zero, of a path that was followed at another modulus."""
+    robot, samples, theta = column_robot(**own), (2e-3, 8e-3), {"neck.youngs_modulus": 0.4e6}
+    found = simulate(robot, pulled(*samples), theta, sensitivities=(name,))
+    h = 1e-3
+    less, more = (simulate(robot, pulled(*samples), {**theta, name: h * sign}) for sign in (0.0, 1.0))
     for channel in ("front.tension", "plate.pitch"):
-        slope = (more.channels[channel] - less.channels[channel]) / 1e-3
+        slope = (more.channels[channel] - less.channels[channel]) / h
         assert np.abs(slope).max() > 0.0
-        np.testing.assert_allclose(found.sensitivities[channel]["plate.mass"], slope, rtol=1e-2)
+        np.testing.assert_allclose(found.sensitivities[channel][name], slope, rtol=1e-2)
 
 
 def test_shapes_at_another_modulus_have_the_forces_of_a_fresh_path():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,20 +11,32 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.mechanics.term import ByTheta, Given, Sum, Term, Theta
 
+GRAVITY = ("gravity.gx", "gravity.gy", "gravity.gz")
+"""The parameters that are the acceleration of weights, along the axes of space."""
+
 
 @dataclass(frozen=True)
 class Loads(Term):
-    """Dead forces on the points by parameter: total = constant + sum of value * per_unit[name], (n_points, 3) [N].
+    """Dead forces on the points (n_points, 3) [N]: total = constant + sum of value * per_unit[name] + sum of value *
+    weighed[name] g, with the acceleration g of `GRAVITY`.
 
-    Weight is such a force: a body's density or a plate's mass times its force per unit.
+    Attributes
+    ----------
+    constant
+        Forces (n_points, 3) [N] that no parameter changes.
+    per_unit
+        Parameter -> force (n_points, 3) [N] per unit of it.
+    weighed
+        Density of a material or mass of a plate -> mass (n_points,) [kg] of each point per unit of it.
     """
 
     constant: Floats
     per_unit: Mapping[str, Floats]
+    weighed: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return tuple(self.per_unit)
+        return (*self.per_unit, *self.weighed, *(GRAVITY if self.weighed else ()))
 
     @cached_property
     def total(self) -> ByTheta[Floats]:
@@ -35,14 +47,29 @@ class Loads(Term):
         force = self.constant.copy()
         for name, unit in self.per_unit.items():
             force += theta[name] * unit
+        if self.weighed:
+            force += self._masses(theta)[:, None] * self._gravity(theta)
         return force
+
+    def _masses(self, theta: Theta) -> Floats:
+        return sum((theta[name] * mass for name, mass in self.weighed.items()), np.zeros(len(self.constant)))
+
+    def _gravity(self, theta: Theta) -> Floats:
+        return np.array([theta[name] for name in GRAVITY])
 
     def add(self, into: Sum, given: Given) -> None:
         into.points -= given.controls.load * self.total(given.theta)
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
+        load, theta = given.controls.load, given.theta
         for name in into.keys() & self.per_unit.keys():
-            into[name].points -= given.controls.load * self.per_unit[name]
+            into[name].points -= load * self.per_unit[name]
+        for name in into.keys() & self.weighed.keys():
+            into[name].points -= load * self.weighed[name][:, None] * self._gravity(theta)
+        if self.weighed:
+            for axis, name in enumerate(GRAVITY):
+                if name in into:
+                    into[name].points[:, axis] -= load * self._masses(theta)
 
     def add_by_load(self, into: Sum, given: Given) -> None:
         into.points -= self.total(given.theta)

@@ -296,8 +296,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
     }
     forces: list[PointForce] = []
     given = {body.name: body.mesh for body in robot.bodies}
-    for plate in robot.plates:
-        forces.append((f"{plate.name}.mass", support(plate.centre_of_mass, plate.name, plate.name), robot.gravity))
+    weighed = {plate.name: support(plate.centre_of_mass, plate.name, plate.name) for plate in robot.plates}
     for load in robot.loads:
         if isinstance(load, PointLoad):
             forces.append((f"{load.name}.force", support(load.at, load.on, load.name), load.direction))
@@ -322,7 +321,7 @@ def build_twin(robot: Robot, drawn: Robot | None = None) -> Twin:
         ties=join_ties(robot, unmoved, builder.first),
     )
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
-    loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
+    loads = build_loads(robot, meshes, builder.first, forces, weighed, layout.n_points)
     moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
     drawn = drawn or robot
     before = (

@@ -118,6 +118,7 @@ def build_loads(
     meshes: dict[str, TetMesh],
     first: dict[str, int],
     forces: list[PointForce],
+    plates: Mapping[str, Weights],
     n_points: int,
 ) -> Loads:
     """Every dead load of the robot, by the parameter it is proportional to.
@@ -131,7 +132,9 @@ def build_loads(
     first
         Part -> the number of its first point.
     forces
-        Forces on points: parameter, weighted points, and direction or acceleration.
+        Forces on points: parameter, weighted points, and direction.
+    plates
+        Plate -> weighted points of its centre of mass.
     n_points
         Number of the layout's points.
     """
@@ -141,19 +144,23 @@ def build_loads(
         target = constant if name is None else per_unit.setdefault(name, np.zeros((n_points, 3)))
         for point, weight in weights:
             target[point] += weight * force
+    weighed: dict[str, Floats] = {}
+    for plate, weights in plates.items():
+        mass = weighed[f"{plate}.mass"] = np.zeros(n_points)
+        for point, weight in weights:
+            mass[point] += weight
     for body in robot.bodies:
         mesh, start = meshes[body.name], first[body.name]
         for material in body.materials:
-            unit = per_unit[f"{material.name}.density"] = np.zeros((n_points, 3))
+            mass = weighed[f"{material.name}.density"] = np.zeros(n_points)
             volumes = ELEMENTS[body.element].nodal_volumes(mesh.points, mesh.tets[material.elements])
-            unit[start : start + mesh.n_points] = volumes[:, None] * robot.gravity
+            mass[start : start + mesh.n_points] = volumes
     for rod in robot.rods:
         for material in rod.materials:
-            unit = per_unit[f"{material.name}.density"] = np.zeros((n_points, 3))
-            weights = rod.volumes[material.elements, :, None] * robot.gravity
+            mass = weighed[f"{material.name}.density"] = np.zeros(n_points)
             for end in (0, 1):
-                np.add.at(unit, first[rod.name] + material.elements + end, weights[:, end])
-    return Loads(constant, per_unit)
+                np.add.at(mass, first[rod.name] + material.elements + end, rod.volumes[material.elements, end])
+    return Loads(constant, per_unit, weighed)
 
 
 def build_moments(robot: Robot, layout: Layout, of_plate: Mapping[str, int], of_rod: Mapping[str, Ints]) -> Moments:

@@ -16,6 +16,7 @@ from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS, constants_of
+from softcal.mechanics.loads import GRAVITY
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.actuated import ACTUATORS
 from softcal.twin.lengths import with_lengths
@@ -69,6 +70,7 @@ MODULUS = "Pa"  # unit of moduli
 MARKER_OFFSETS = tuple(f"{axis}_offset" for axis in "xyz")
 # Of those of the robot's parts but actuators: see `kinds_of_quantity`.
 KINDS: dict[str, Quantity] = {
+    **{parameter_name(name).kind: QUANTITIES["acceleration"] for name in GRAVITY},
     "density": QUANTITIES["density"],
     "mass": QUANTITIES["mass"],
     "friction_coefficient": QUANTITIES["friction coefficient"],
@@ -158,6 +160,9 @@ def _parameters(robot: Robot) -> Mapping[str, ParameterInfo]:
             add(load.name, "force", float(np.dot(load.force, load.direction)))
         elif isinstance(load, Moment):
             add(load.name, "moment", float(np.dot(load.moment, load.direction)))
+    for name, value in zip(GRAVITY, robot.gravity.tolist(), strict=True):
+        named = parameter_name(name)
+        add(named.owner, named.kind, value)
     return MappingProxyType(infos)
 
 
@@ -229,6 +234,7 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         actuators=actuators,
         loads=tuple(loads),
         markers=markers,
+        gravity=np.array([values.get(name, g) for name, g in zip(GRAVITY, robot.gravity.tolist(), strict=True)]),
     )
 
 

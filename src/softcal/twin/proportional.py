@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.mechanics.loads import GRAVITY
 from softcal.mechanics.term import part_theta
 from softcal.twin.build import Twin
 from softcal.twin.channels import sensors_of
@@ -17,7 +18,7 @@ from softcal.twin.parameters import MODULUS, robot_parameters
 from softcal.twin.response import Derivatives, Response
 from softcal.twin.robot import Robot
 
-WEIGHT = ("kg", "kg/m^3")  # units of the parameters of weights
+WEIGHT = ("kg", "kg/m^3", "m/s^2")  # units of the parameters of weights
 WITHOUT_FORCE = ("1", "m", "rad", "rad/m", *WEIGHT)  # of parameters that scale no force, where nothing has a weight
 DEGREES = {"N": 1, "m": 0, "rad": 0}  # of the channels of cables, plates and markers
 
@@ -103,7 +104,7 @@ def is_proportional(robot: Robot, theta: Mapping[str, float]) -> bool:
         and not robot.actuators
         and not robot.loads
         and not robot.remembers
-        and not (robot.gravity.any() and any(theta[name] for name, info in infos.items() if info.unit in WEIGHT))
+        and not (any(theta[n] for n in GRAVITY) and any(theta[n] for n, i in infos.items() if i.unit in WEIGHT[:2]))
         and (robot.contact is None or robot.contact.follows_moduli)
         and all(info.unit in (MODULUS, *WITHOUT_FORCE) for info in infos.values())
         and all(body.elasticity.is_proportional(part_theta(theta, body.name)) for body in robot.bodies)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import platform
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,6 +21,7 @@ from softcal.calibration.results.fit import experiment_fit, missing_rows
 from softcal.calibration.results.result import SearchResult, Trial
 from softcal.calibration.results.trial_journal import distributions
 from softcal.calibration.search.optimiser import OPTIMISERS
+from softcal.calibration.search.robot_errors import MAY_MISS, WithRobotErrors, with_robot_errors
 from softcal.calibration.statistics.estimate import Estimate, Remark
 from softcal.calibration.statistics.local_model import loss_profiles
 from softcal.calibration.statistics.misfit import misfits
@@ -107,9 +109,14 @@ def conclude(
         raise ValueError("the best evaluation has no loss")
     space = problem.space
     kind = OPTIMISERS[account.method].statistics
+    residuals = _residuals(problem.experiments, best.blocks)
+    doubted = WithRobotErrors(best, problem.uncertain if uncertain is None else uncertain)
+    if any(one.is_misfit or one.significance > MAY_MISS for of in residuals.values() for one in of.values()):
+        with contextlib.suppress(KeyboardInterrupt):
+            doubted = with_robot_errors(problem, best, doubted.uncertain)
+        best = doubted.best
     if all(block.jacobian is not None for block in best.blocks):
-        considered = problem.uncertain if uncertain is None else uncertain
-        local = local_statistics(space, problem.loss, best.theta, best.blocks, considered)
+        local = local_statistics(space, problem.loss, best.theta, best.blocks, doubted.uncertain)
     else:
         local = Statistics(dict.fromkeys(space.labels), {}, (Remark(NO_DERIVATIVES),))
     if account.converged is False:
@@ -138,12 +145,12 @@ def conclude(
         importance=local.importance,
         spreads=local.spreads,
         left_out=local.left_out,
-        residuals=_residuals(problem.experiments, best.blocks),
+        residuals=residuals,
         trials=trials,
         n_failed_trials=n_failed,
         hashes=account.hashes,
         versions=installed_versions(),
-        notes=(*local.notes, *_notes(problem, parameters, trials, n_failed)),
+        notes=(*doubted.notes, *local.notes, *_notes(problem, parameters, trials, n_failed)),
         extra={"importance_kind": kind, **{k: value for k, value in account.settings.items() if k not in own}},
         **own,
     )

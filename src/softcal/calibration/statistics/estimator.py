@@ -48,7 +48,7 @@ from softcal.calibration.statistics.between_experiments import (
 from softcal.calibration.statistics.budget import Budget
 from softcal.calibration.statistics.correlation import ErrorRecord, triangle
 from softcal.calibration.statistics.intervals import beyond_bounds, contradiction, prior_distances
-from softcal.calibration.statistics.misfit import misfits
+from softcal.calibration.statistics.misfit import COUNTS, misfits
 from softcal.calibration.statistics.noise import (
     DRIFT,
     PRIOR,
@@ -67,7 +67,6 @@ from softcal.checks import Floats
 # Singular value over the largest, in units of the search range, below which a direction counts as unidentifiable.
 _BLIND = 1e-7
 _LONGER = 1.5  # times as long as without is the most that drifts without a statement make an interval
-_COUNTS = 3.0  # standard errors of the clearest shape from which what the model may miss counts, from one more in whole
 _CHANNELS = 2  # of an experiment, for which that holds
 _MIXED = 0.01  # share of an unidentifiable direction from which a parameter cannot be distinguished from others in it
 
@@ -362,7 +361,7 @@ def missed(blocks: Sequence[Block]) -> list[Floats | None]:
         by_chance = 2.0 * math.log(max(len(own) / _CHANNELS, 1.0))  # more of the square, the more channels there are
         for k, misfit in zip(own, misfits([blocks[k] for k in own]), strict=True):
             clear = math.sqrt(max(misfit.significance**2 - by_chance, 0.0))
-            counts = min(max(clear - _COUNTS, 0.0), 1.0)
+            counts = min(max(clear - COUNTS, 0.0), 1.0)
             found[k] = None if misfit.changes is None or counts == 0.0 else math.sqrt(counts) * misfit.changes
     return found
 

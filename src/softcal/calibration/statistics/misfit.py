@@ -7,6 +7,9 @@ channels of the experiment together, since the parameters follow. Its share is t
 fall. These shares compare causes; they do not sum to one, since shapes are alike. What the parameters can all but do,
 such as a gain beside a modulus, would have to be larger than the record to leave what it leaves: it is no cause. Of
 causes that are about as clear, each may be the true one, with the probability that their likelihoods give it.
+
+An error of the robot's description, such as a via point beside its place, has one size in all channels and experiments,
+and its shapes are the twin's own derivatives. It counts where it alone explains most of what the parameters leave.
 """
 
 from __future__ import annotations
@@ -22,12 +25,16 @@ from softcal.calibration.statistics.correlation import process, record, span
 from softcal.calibration.statistics.residuals import FEWEST_OF_CURVE
 from softcal.checks import Floats
 
-OFFSET, DRIFT, GAIN = "an offset", "a drift", "a gain"
+OFFSET, DRIFT, GAIN = "an offset", "a drift or relaxation", "a gain"
 SLACK, FRICTION = "a slack", "friction that reverses"
 LAW = "another material law or friction in bends"  # of one shape along a record without reversal
 CONTACT = "contact of surfaces"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
+_RELAXES = (1.0, 3.0)  # over the time of a record: rates at which a force may relax
 _BEGINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # of the range of a force: where contact may begin
+COUNTS = 3.0  # standard errors of the clearest shape from which what the model may miss counts, from one more in whole
+_ROUGHLY = 0.02  # of the decrease of the squares by the clearest cause
+_MOST = 0.5  # of the squares: an error of the robot's description that explains less is no explanation
 _BRANCH = 0.1  # of the samples: a branch of a cycle
 _FEWEST = 8  # values more than parameters and shapes together
 _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact fit
@@ -37,7 +44,8 @@ _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact
 class Misfit:
     """Of a channel: cause no larger than the record -> the share [-] of its squared residuals that it explains, the
     clearest first; how many standard errors the clearest shape of a cause of any size is worth; the changes (n, k)
-    of the residual by these causes but contact, each times the root of its probability among them, None without one;
+    of the residual by the shapes of these causes but contact, each times the root of its likelihood over that of the
+    clearest, None without one;
     and how many of these standard errors are in the channel's own residuals.
 
     The last is at most what the shape and the parameters together take off the squares of these residuals. It is less
@@ -48,6 +56,72 @@ class Misfit:
     significance: float
     changes: Floats | None = None
     in_residuals: float = 0.0
+
+
+def likelihoods(worth: Sequence[float]) -> list[float]:
+    """Likelihood of each cause over that of the clearest, by how many standard errors they are worth.
+
+    A cause has its shape only roughly: by some per cent its decrease of the squares may be another.
+    """
+    most = max(worth, default=0.0)
+    return [math.exp((one**2 - most**2) / (2.0 * max(1.0, _ROUGHLY * most**2))) for one in worth]
+
+
+@dataclass(frozen=True)
+class RobotError:
+    """An error of the robot's description that would explain what the twin misses in all experiments.
+
+    Attributes
+    ----------
+    size
+        By how much the parameter of the robot would be off [SI], by the derivatives.
+    share
+        The share [-] that it explains of the squared residuals beyond those of the noise, without what the parameters
+        can do.
+    worth
+        How many standard errors it is worth [-].
+    moved
+        Changes (size,) of the fitted parameters with it [SI].
+    """
+
+    size: float
+    share: float
+    worth: float
+    moved: Floats
+
+
+def robot_errors(blocks: Sequence[Block], changes: Sequence[Floats]) -> list[RobotError | None]:
+    """Of each error of the robot's description its size; None where it does not explain most of the residuals.
+
+    Parameters
+    ----------
+    blocks
+        Those of all experiments, and priors, with jacobians.
+    changes
+        Changes (n, k) of each block's residual by a unit of each of the k errors.
+    """
+    jacobians = [block.jacobian for block in blocks if block.jacobian is not None]
+    scales = np.linalg.norm(np.concatenate(jacobians), axis=0)
+    scales = np.where(scales > 0.0, scales, 1.0)
+    triples = zip(blocks, jacobians, changes, strict=True)
+    records = [_whitened(block, J / scales, change) for block, J, change in triples]
+    answer = np.concatenate([one.answer for one in records])
+    basis = span(answer)
+    residual = _without(basis, np.concatenate([one.residual for one in records]))
+    noise = sum(len(one.residual) for one in records if one.shapes) - basis.shape[1]
+    beyond = float(residual @ residual) - max(noise, 0)
+    found: list[RobotError | None] = []
+    for shape in np.concatenate([one.changes for one in records]).T:
+        left = _without(basis, shape)
+        size, along = float(left @ left), float(left @ residual)
+        if size <= _ABSORBED**2 * float(shape @ shape):
+            found.append(None)
+            continue
+        off, worth = -along / size, abs(along) / math.sqrt(size)
+        share = min(worth**2 / max(beyond, 1e-300), 1.0)
+        moved = np.linalg.lstsq(answer, -off * shape, rcond=None)[0] / scales
+        found.append(RobotError(off, share, worth, moved) if share >= _MOST and worth > COUNTS else None)
+    return found
 
 
 def misfits(blocks: Sequence[Block]) -> list[Misfit]:
@@ -69,7 +143,7 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
         square = max(float(residual[rows] @ residual[rows]), 1e-300)
         significance = in_residuals = 0.0
         worth: dict[str, tuple[float, float]] = {}
-        changes: dict[str, Floats] = {}
+        changes: list[tuple[float, Floats]] = []
         for cause, shape, plain in one.shapes:
             whole = np.zeros(len(residual))
             whole[rows] = shape
@@ -85,14 +159,15 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
                 own = span(np.column_stack([one.answer, shape])).T @ whole_residual[rows]
                 in_residuals = max(in_residuals, min(pair[0], float(np.linalg.norm(own))))
             if float(np.abs(change := along / size * plain).max()) <= one.largest:
-                worth[cause], changes[cause] = max(worth.get(cause, pair), pair), change
+                worth[cause] = max(worth.get(cause, pair), pair)
+                if cause != CONTACT:
+                    changes.append((pair[0], change))
         # Contact may begin anywhere, and so follow noise: it is no clearer than the clearest shape without a choice.
         first = max((cause for cause in worth if cause != CONTACT), key=lambda cause: worth[cause][0], default="")
         clearest = worth[first][0] if first else 0.0
         ordered = sorted(worth.items(), key=lambda pair: (-min(pair[1][0], clearest), pair[0] == CONTACT))
-        causes = [cause for cause in worth if cause != CONTACT]
-        likelihoods = np.exp([(worth[cause][0] ** 2 - clearest**2) / 2.0 for cause in causes])
-        likely = [np.sqrt(p / likelihoods.sum()) * changes[c] for c, p in zip(causes, likelihoods, strict=True)]
+        weights = likelihoods([clear for clear, _ in changes])
+        likely = [np.sqrt(p / sum(weights)) * change for p, (_, change) in zip(weights, changes, strict=True)]
         explained = {cause: share for cause, (_, share) in ordered}
         found.append(Misfit(explained, significance, np.column_stack(likely) if likely else None, in_residuals))
     return found
@@ -100,27 +175,31 @@ def misfits(blocks: Sequence[Block]) -> list[Misfit]:
 
 @dataclass(frozen=True)
 class _Whitened:
-    """A channel's residuals (m,), their derivatives (m, size) and the shapes (m,) of causes, divided by the noise, with
-    the shapes (n,) along the record; largest: the range of what was measured, or of the predictions.
+    """A channel's residuals (m,), their derivatives (m, size), the shapes (m,) of causes and the changes (m, k) by
+    errors of the robot, divided by the noise, with the shapes (n,) along the record; largest: the range of what was
+    measured, or of the predictions.
     """
 
     residual: Floats
     answer: Floats
     shapes: Sequence[tuple[str, Floats, Floats]]
+    changes: Floats
     largest: float
 
 
-def _whitened(block: Block, jacobian: Floats) -> _Whitened:
+def _whitened(block: Block, jacobian: Floats, changes: Floats | None = None) -> _Whitened:
     n, rms = len(block.residual), float(np.sqrt(np.mean(block.residual**2)))
     largest = float(max(np.ptp(block.measured), np.ptp(block.measured + block.residual)))
-    plain = _Whitened(block.residual / max(rms, 1e-300), jacobian / max(rms, 1e-300), (), largest)
+    changes = np.zeros((n, 0)) if changes is None else changes
+    unit = np.maximum(rms if block.experiment else block.sigma, 1e-300)
+    plain = _Whitened(block.residual / unit, jacobian / unit, (), changes / unit, largest)
     if n < FEWEST_OF_CURVE or rms <= _ROUNDING * float(np.abs(block.measured).max()):
         return plain
     shapes = [(cause, shape / np.linalg.norm(shape)) for cause, shape in _shapes(block)]
-    columns = np.column_stack([jacobian, *(shape for _, shape in shapes)])
+    columns = np.column_stack([jacobian, *(shape for _, shape in shapes), changes])
     averaged = record(block.residual, columns, columns)
     # Contact from several places on would leave no noise.
-    beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes]
+    beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes] + [False] * changes.shape[1]
     noise = replace(averaged, answer=averaged.answer[:, beside])
     X = span(noise.answer)
     left = _without(X, averaged.residual)
@@ -132,13 +211,9 @@ def _whitened(block: Block, jacobian: Floats) -> _Whitened:
     lower = np.linalg.cholesky(white * np.eye(m) if correlated is None else correlated.covariance(m))
     columns = np.column_stack([averaged.residual, averaged.answer])
     divided = np.asarray(np.linalg.solve(lower, columns), dtype=np.float64)
-    ends = divided[:, 1 + jacobian.shape[1] :].T
-    return _Whitened(
-        divided[:, 0],
-        divided[:, 1 : 1 + jacobian.shape[1]],
-        [(cause, end, shape) for (cause, shape), end in zip(shapes, ends, strict=True)],
-        largest,
-    )
+    residual, answer, of_causes, of_robot = np.split(divided, np.cumsum([1, jacobian.shape[1], len(shapes)]), axis=1)
+    ends = [(cause, end, shape) for (cause, shape), end in zip(shapes, of_causes.T, strict=True)]
+    return _Whitened(residual[:, 0], answer, ends, of_robot, largest)
 
 
 def _shapes(block: Block) -> list[tuple[str, Floats]]:
@@ -152,12 +227,14 @@ def _shapes(block: Block) -> list[tuple[str, Floats]]:
         (DRIFT, time - time[0]),
         (GAIN, y),
         (SLACK, slope),
+        (LAW, y * np.abs(y / largest)),
         (LAW, y * (y / largest) ** 2),
     ]
     rises = float(np.mean(slope > 0.0))
     if _BRANCH < rises < 1.0 - _BRANCH:
         shapes.append((FRICTION, np.sign(slope) * y))
     if block.grows_with_moduli:
+        shapes += [(DRIFT, y * np.expm1(-rate * (time - time[0]))) for rate in _RELAXES]
         low, high = float(y.min()), float(y.max())
         shapes += [(CONTACT, np.maximum(y - low - share * (high - low), 0.0)) for share in _BEGINS]
     return [(cause, shape) for cause, shape in shapes if np.any(shape != 0.0)]

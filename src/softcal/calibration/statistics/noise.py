@@ -23,11 +23,11 @@ from softcal.checks import Floats, Ints
 PRIOR = ""
 """The group of the priors."""
 DRIFT, MISFIT = "drift", "misfit"
-_ANY_LESS = 1.0 / np.sqrt(3.0)
+ANY_LESS = 1.0 / np.sqrt(3.0)
 """Standard deviation of what is at most one, of either sign, where all sizes are as likely."""
-_CONCEALED = 2.0 * _ANY_LESS
-"""Standard deviation of a drift in standard errors of its own estimate from a record, where up to two of them are as
-likely as none."""
+_ANY_TO_TWICE = 2.0 * ANY_LESS
+"""Standard deviation of what is at most two, such as a drift in standard errors of its own estimate from a record, or a
+cause in sizes of its shape, which says only roughly how much of it the parameters take up."""
 _ITERATIONS = 200
 _FEWEST_DOF = 3.0  # of a process that a record of any length shows
 _SPENT = 0.5  # degrees of freedom below which a group's noise cannot be estimated
@@ -251,18 +251,18 @@ def drift_sources(parts: Sequence[ScaledBlock], noise: Sequence[Source]) -> list
         values = drift if of.process is None else record(drift, part.answer, part.pull).residual
         along = values - values.mean()
         error = np.sqrt(of.variances([along[:, None]])[0]) / (along @ along)
-        pull = _CONCEALED * error * (drift @ part.pull)[None, :]
+        pull = _ANY_TO_TWICE * error * (drift @ part.pull)[None, :]
         held = ErrorRecord(np.zeros(1), np.zeros_like(pull), pull, part.experiment)
         found.append(Source(DRIFT, part.group, (held,), 1.0, np.inf))
     return found
 
 
 def misfit_sources(parts: Sequence[ScaledBlock]) -> list[Source]:
-    """Sources of error by the usual causes that the model may miss in each channel, as large as they are or smaller."""
+    """Sources of error by the usual causes that the model may miss in each channel, up to twice as large as there."""
     found: list[Source] = []
     for part in parts:
         if part.misfit is not None:
-            alone, pull = (_ANY_LESS * changes.T @ part.pull for changes in part.misfit)
+            alone, pull = (_ANY_TO_TWICE * changes.T @ part.pull for changes in part.misfit)
             held = ErrorRecord(np.zeros(len(pull)), np.zeros_like(pull), pull, part.experiment, alone)
             found.append(Source(MISFIT, part.group, (held,), 1.0, np.inf))
     return found

@@ -291,7 +291,7 @@ def moving_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half: Flo
 
 def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] = ()) -> str:
     """Sentence on the sources of error that the intervals include, and on the others; kinds: kinds of the sources."""
-    named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR))
+    named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR and p.source != MISFIT))
     has_mesh = MESH_ERROR in uncertain
     further = {
         "drifts too small to be seen in the noise": DRIFT in kinds,

@@ -15,8 +15,9 @@ from softcal.calibration.problem.problem import make_problem
 from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.run import calibrate
-from softcal.calibration.search.robot_errors import DESCRIPTION, suspects, with_named_points
+from softcal.calibration.search.robot_errors import DESCRIPTION, suspects, with_named_points, with_uncertain_errors
 from softcal.calibration.statistics.misfit import robot_errors
+from softcal.calibration.statistics.sensitivity import local_statistics
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
@@ -142,3 +143,20 @@ def test_another_engine_has_no_suspects():
     best = problem.evaluate({E: 2.3e6}, jacobian=True)
     assert suspects(problem, best, ())
     assert not suspects(replace(problem, simulate=simulate), best, ())
+
+
+def test_studies_of_a_run_include_the_errors_of_its_fit():
+    """The covariance of a problem with them is that of the fit, whatever is suspected."""
+    robot, free = neck(), [FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6)]
+    for stated in ([], [UncertainParameter("plate.mass", "kg", 0.001)]):
+        problem = make_problem(robot, [pull(neck(mass=0.2))], free, LikelihoodLoss(), uncertain=stated)
+        result = calibrate(problem, starts=1)
+        assert "plate.mass" in result.robot_errors
+        theta = {name: one.value for name, one in result.parameters.items()}
+        studied = with_uncertain_errors(problem, result.robot_errors)
+        best = studied.evaluate(theta, jacobian=True)
+        again = local_statistics(studied.space, studied.loss, theta, best.blocks, studied.uncertain)
+        low, high = result.parameters[E].interval or (0.0, 0.0)
+        assert again.intervals[E] == pytest.approx((low, high), rel=1e-4)
+        without = local_statistics(problem.space, problem.loss, theta, problem.evaluate(theta, jacobian=True).blocks)
+        assert (without.intervals[E] or (0.0, 0.0))[1] < high

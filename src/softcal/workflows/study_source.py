@@ -150,10 +150,12 @@ def run_source(path: Path, calibration: str = "") -> StudySource:
     if label not in run.results:
         raise InputError(unknown("the run has no such calibration", "--calibration", label, run.results))
     from softcal.calibration.problem.problem import SOFTCAL
+    from softcal.calibration.search.robot_errors import with_uncertain_errors
     from softcal.workflows.calibration import make_problem
 
     result = run.results[label]
     problem = make_problem(run.project, run.settings).only(list(result.experiments))
+    problem = with_uncertain_errors(problem, result.robot_errors)
     engine = result.hashes.get("engine", SOFTCAL)
     notes = () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study by {SOFTCAL}.",)
     theta = {name: estimate.value for name, estimate in result.parameters.items()}

@@ -114,7 +114,7 @@ def uncertain_parameters(
                 for target in parameter.targets
                 if known[target].unit != parameter.unit
             ]
-            if parameter.source in RESERVED:
+            if parameter.name in RESERVED:
                 faults.append(Fault("the name is that of a source of error", label, attempt="another name"))
             found += expanded(parameter, experiments, own, set_ups)
     faults += doubled(found, TWICE)

@@ -241,6 +241,8 @@ class SearchResult(Schema, ResultPlots, ABC):
         Experiment -> how well the other ones predict it, of three or more.
     residuals
         Experiment -> compared channel -> how its residuals are correlated along the record.
+    robot_errors
+        Parameter of the robot -> standard deviation [SI] of the error in its description that the intervals include.
     """
 
     parameters: Mapping[str, Estimate]
@@ -268,6 +270,7 @@ class SearchResult(Schema, ResultPlots, ABC):
     residuals: Mapping[str, Mapping[str, ResidualRecord]] = field(
         default_factory=dict[str, Mapping[str, ResidualRecord]]
     )
+    robot_errors: Mapping[str, Amount] = field(default_factory=dict[str, float])
 
     def __repr__(self) -> str:
         parts: list[str] = []

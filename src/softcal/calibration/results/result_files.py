@@ -14,7 +14,7 @@ from softcal.checks import Floats
 from softcal.csv_text import csv_text
 
 FORMAT = 1
-_ONLY_WHERE_ANY = ("held_out", "spreads", "left_out", "warnings")
+_ONLY_WHERE_ANY = ("held_out", "spreads", "left_out", "robot_errors", "warnings")
 TRIALS = "trials.csv"
 TRIAL_COLUMNS = ("number", "state", "loss", "seconds [s]", "n_factorisations", "reason")
 

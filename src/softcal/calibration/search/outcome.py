@@ -110,13 +110,14 @@ def conclude(
     space = problem.space
     kind = OPTIMISERS[account.method].statistics
     residuals = _residuals(problem.experiments, best.blocks)
-    doubted = WithRobotErrors(best, problem.uncertain if uncertain is None else uncertain)
+    uncertain, doubted = problem.uncertain if uncertain is None else uncertain, WithRobotErrors(best)
     if any(one.is_misfit or one.significance > MAY_MISS for of in residuals.values() for one in of.values()):
         with contextlib.suppress(KeyboardInterrupt):
-            doubted = with_robot_errors(problem, best, doubted.uncertain)
+            doubted = with_robot_errors(problem, best, uncertain)
         best = doubted.best
+        uncertain += doubted.errors
     if all(block.jacobian is not None for block in best.blocks):
-        local = local_statistics(space, problem.loss, best.theta, best.blocks, doubted.uncertain)
+        local = local_statistics(space, problem.loss, best.theta, best.blocks, uncertain)
     else:
         local = Statistics(dict.fromkeys(space.labels), {}, (Remark(NO_DERIVATIVES),))
     if account.converged is False:
@@ -146,6 +147,7 @@ def conclude(
         spreads=local.spreads,
         left_out=local.left_out,
         residuals=residuals,
+        robot_errors={p.name: p.sd for p in doubted.errors},
         trials=trials,
         n_failed_trials=n_failed,
         hashes=account.hashes,

@@ -10,7 +10,8 @@ parameter.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,14 +65,14 @@ class WithRobotErrors:
     ----------
     best
         The evaluation.
-    uncertain
-        The uncertain parameters of its blocks, these errors among them.
+    errors
+        The errors, of the robot with named points.
     notes
         A warning that names the errors; without any, none.
     """
 
     best: Evaluation
-    uncertain: tuple[UncertainParameter, ...]
+    errors: tuple[UncertainParameter, ...] = ()
     notes: tuple[Remark, ...] = ()
 
 
@@ -87,7 +88,7 @@ def with_robot_errors(problem: Problem, best: Evaluation, uncertain: tuple[Uncer
     """
     found = suspects(problem, best, uncertain)
     if not found:
-        return WithRobotErrors(best, uncertain)
+        return WithRobotErrors(best)
     # As a shape of a usual cause they count in part from three standard errors, and in whole from four.
     counts = ANY_LESS * np.sqrt(min(found[0].error.worth - COUNTS, 1.0))
     sizes = [counts * np.sqrt(one.likelihood) for one in found]
@@ -100,15 +101,38 @@ def with_robot_errors(problem: Problem, best: Evaluation, uncertain: tuple[Uncer
         )
         for k, block in enumerate(best.blocks)
     )
-    errs = (UncertainParameter(one.info.name, one.info.unit, abs(one.error.size), written=MISFIT) for one in found)
-    uncertain = (*uncertain, *errs)
+    best = replace(best, blocks=blocks)
+    errors = tuple(
+        UncertainParameter(one.info.name, one.info.unit, float(s * abs(one.error.size)), written=MISFIT)
+        for s, one in zip(sizes, found, strict=True)
+    )
     if found[0].error.worth <= SHOWN:
-        return WithRobotErrors(replace(best, blocks=blocks), uncertain)
+        return WithRobotErrors(best, errors)
     text = "; ".join(_text(problem.space, best, one) for one in found[:_NAMED])
     more = len(found) - _NAMED
     others = f"; {more} other{'s explain' if more > 1 else ' explains'} about as much" if more > 0 else ""
     note = Remark(f"{DESCRIPTION}: {text}{others}. Measure it, or make it free or uncertain.", "warning")
-    return WithRobotErrors(replace(best, blocks=blocks), uncertain, (note,))
+    return WithRobotErrors(best, errors, (note,))
+
+
+def with_uncertain_errors(problem: Problem, errors: Mapping[str, float]) -> Problem:
+    """A problem whose uncertain parameters include the errors that its calibration suspected, for its studies.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    errors
+        Parameter of the robot, with named points -> standard deviation [SI].
+    """
+    if not errors:
+        return problem
+    robot = with_named_points(problem.robot)
+    units = {name: info.unit for name, info in robot_parameters(robot).items()}
+    stated = ["" if p.experiment else p.targets[0] for p in problem.uncertain]
+    own = (replace(p, sd=math.hypot(p.sd, errors.get(n, 0.0))) for n, p in zip(stated, problem.uncertain, strict=True))
+    new = (UncertainParameter(n, units[n], sd, written=MISFIT) for n, sd in errors.items() if n not in stated)
+    return replace(problem, robot=robot, uncertain=(*own, *new))
 
 
 def suspects(problem: Problem, best: Evaluation, uncertain: Sequence[UncertainParameter]) -> list[Suspect]:

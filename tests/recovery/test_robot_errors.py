@@ -118,7 +118,8 @@ def test_the_size_of_an_error_is_that_of_least_squares():
         Block("pull", channel, 5.0 * x, 0.775 * J - 0.8 * c + s * chance.standard_normal(200), s, J[:, None])
         for channel, J, c, s in zip(("front.tension", "plate.pitch"), answer, shape, (0.01, 0.03), strict=True)
     ]
-    (error, none) = robot_errors(blocks, [np.column_stack([c, np.zeros(200)]) for c in shape])
+    changes, endless = [np.column_stack([c, np.zeros(200)]) for c in shape], (np.array([-np.inf]), np.array([np.inf]))
+    (error, none) = robot_errors(blocks, changes, endless)
     assert none is None
     assert error is not None
     rows, columns = zip(*((b.residual / s, np.column_stack([J, c]) / s) for b, J, c, s in

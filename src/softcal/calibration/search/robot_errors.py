@@ -167,10 +167,12 @@ def suspects(problem: Problem, best: Evaluation, uncertain: Sequence[UncertainPa
         np.column_stack([_changes(own, len(uncertain))[:, columns] * scales, _changes(other, len(others))])
         for own, other in zip(best.blocks, derived.blocks, strict=True)
     ]
+    value = best.theta
+    low, high = np.array([(p.lower - value[p.label], p.upper - value[p.label]) for p in problem.space.parameters]).T
     found = [
         Suspect(info, error, tuple(error.size * change[:, k] for change in changes))
-        for k, (info, error) in enumerate(zip(infos, robot_errors(best.blocks, changes), strict=True))
-        if error is not None and _is_possible(robot, problem.space, best, info, error)
+        for k, (info, error) in enumerate(zip(infos, robot_errors(best.blocks, changes, (low, high)), strict=True))
+        if error is not None and _is_possible(robot, info, error.size)
     ]
     each = zip(found, likelihoods([one.error.worth for one in found]), strict=True)
     found = [replace(one, likelihood=p) for one, p in each if p >= _LIKELY]
@@ -205,21 +207,15 @@ def _named(cable: Cable, bodies: Collection[str]) -> Cable:
     return replace(cable, via_points=tuple(points))
 
 
-def _is_possible(robot: Robot, space: SearchSpace, best: Evaluation, info: ParameterInfo, error: RobotError) -> bool:
-    """Whether the parameters may have such values, a via point is not too far off, and gravity not too large."""
-    value, part = info.value + error.size, parameter_name(info.name).part
-    lengths, known = {cable.name: cable.length for cable in robot.cables}, robot_parameters(robot)
+def _is_possible(robot: Robot, info: ParameterInfo, size: float) -> bool:
+    """Whether the parameter may have such a value, a via point is not too far off, and gravity not too large."""
+    value, part = info.value + size, parameter_name(info.name).part
+    lengths = {cable.name: cable.length for cable in robot.cables}
     if info.name in GRAVITY and abs(value) > _HEAVIEST:
         return False
-    if info.unit == "m" and abs(error.size) > (_FAR * lengths[part] if part in lengths else _LONGER * abs(info.value)):
+    if info.unit == "m" and abs(size) > (_FAR * lengths[part] if part in lengths else _LONGER * abs(info.value)):
         return False
-    moved = zip(space.parameters, error.moved.tolist(), strict=True)
-    return info.quantity.allows(value) and all(
-        known[target].quantity.allows(best.theta[p.label] + step)
-        for p, step in moved
-        for target in p.targets
-        if target in known
-    )
+    return info.quantity.allows(value)
 
 
 def _text(space: SearchSpace, best: Evaluation, one: Suspect) -> str:

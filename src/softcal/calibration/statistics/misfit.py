@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.calibration.problem.loss import Block
-from softcal.calibration.statistics.correlation import process, record, span
+from softcal.calibration.statistics.correlation import process, record, span, triangle
 from softcal.calibration.statistics.residuals import FEWEST_OF_CURVE
 from softcal.checks import Floats
 
@@ -90,7 +90,9 @@ class RobotError:
     moved: Floats
 
 
-def robot_errors(blocks: Sequence[Block], changes: Sequence[Floats]) -> list[RobotError | None]:
+def robot_errors(
+    blocks: Sequence[Block], changes: Sequence[Floats], steps: tuple[Floats, Floats]
+) -> list[RobotError | None]:
     """Of each error of the robot's description its size; None where it does not explain most of the residuals.
 
     Parameters
@@ -99,28 +101,44 @@ def robot_errors(blocks: Sequence[Block], changes: Sequence[Floats]) -> list[Rob
         Those of all experiments, and priors, with jacobians.
     changes
         Changes (n, k) of each block's residual by a unit of each of the k errors.
+    steps
+        The least and the largest change (size,) of each fitted parameter, within its bounds [SI].
     """
+    from scipy.optimize import lsq_linear
+
     jacobians = [block.jacobian for block in blocks if block.jacobian is not None]
     scales = np.linalg.norm(np.concatenate(jacobians), axis=0)
     scales = np.where(scales > 0.0, scales, 1.0)
     triples = zip(blocks, jacobians, changes, strict=True)
     records = [_whitened(block, J / scales, change) for block, J, change in triples]
-    answer = np.concatenate([one.answer for one in records])
+    size = len(scales)
+    # Sums of squares and products stay the same in a triangle.
+    columns = np.concatenate([np.column_stack([one.answer, one.residual, one.changes]) for one in records])
+    answer, residual, shapes = np.split(triangle(columns), [size, size + 1], axis=1)
     basis = span(answer)
-    residual = _without(basis, np.concatenate([one.residual for one in records]))
-    noise = sum(len(one.residual) for one in records if one.shapes) - basis.shape[1]
-    beyond = float(residual @ residual) - max(noise, 0)
+    low, high = (np.minimum(steps[0] * scales, -_ROUNDING), np.maximum(steps[1] * scales, _ROUNDING))
+
+    def squares(more: Floats) -> tuple[float, Floats]:
+        """The squares that the parameters within their bounds, and changes of any size, leave; and all steps."""
+        free = np.full(more.shape[1], np.inf)
+        A = np.column_stack([answer, more])
+        found = lsq_linear(A, -residual[:, 0], (np.append(low, -free), np.append(high, free)), method="bvls")
+        return 2.0 * float(found.cost), found.x
+
+    alone, _ = squares(shapes[:, :0])
+    beyond = alone - max(sum(len(one.residual) for one in records if one.shapes) - basis.shape[1], 0)
     found: list[RobotError | None] = []
-    for shape in np.concatenate([one.changes for one in records]).T:
+    for shape in shapes.T[:, :, None]:
         left = _without(basis, shape)
-        size, along = float(left @ left), float(left @ residual)
-        if size <= _ABSORBED**2 * float(shape @ shape):
+        if np.linalg.norm(left) <= _ABSORBED * np.linalg.norm(shape):
             found.append(None)
             continue
-        off, worth = -along / size, abs(along) / math.sqrt(size)
+        unit = float(np.linalg.norm(left))
+        with_error, moved = squares(shape / unit)
+        worth = math.sqrt(max(alone - with_error, 0.0))
         share = min(worth**2 / max(beyond, 1e-300), 1.0)
-        moved = np.linalg.lstsq(answer, -off * shape, rcond=None)[0] / scales
-        found.append(RobotError(off, share, worth, moved) if share >= _MOST and worth > COUNTS else None)
+        error = RobotError(moved[-1] / unit, share, worth, moved[:-1] / scales)
+        found.append(error if share >= _MOST and worth > COUNTS else None)
     return found
 
 

@@ -412,7 +412,7 @@ class Estimator:
         for e in self.fit.experiments:
             worths = causes(self.fit, e)
             for b in (b for b in self.fit.blocks if b.experiment == e):
-                clear, _, changes = worths[b.channel]
+                clear, _, changes, _ = worths[b.channel]
                 beyond_chance = clear**2 - 2 * math.log(max(len(worths), 2) / 2)
                 if beyond_chance > 9 and changes:
                     most = max(t for t, _ in changes.values())
@@ -582,10 +582,10 @@ def profile_interval(minimum: np.ndarray, covariance: np.ndarray, j: int, t: flo
 Worth = dict[str, tuple[float, float]]
 
 
-def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str, tuple[float, np.ndarray]]]]:
+def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str, tuple[float, np.ndarray]], float]]:
     """Channel -> standard errors of the clearest shape; cause no larger than the record -> (those of it, the part of
-    the channel's own squares by which they fall where it is fitted beside the parameters); and for each shape the
-    standard errors of it, and what it changes of the residuals.
+    the channel's own squares by which they fall where it is fitted beside the parameters); for each shape the standard
+    errors of it, and what it changes of the residuals; and how many of the clearest are in the channel's own ones.
 
     Whitened by the noise beside all shapes (generalised least squares), both channels of the experiment together.
     """
@@ -623,12 +623,13 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str,
         rows.append((b.channel, r, J, whitened))
     J = np.concatenate([J for _, _, J, _ in rows])
     basis = span(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
-    r = np.concatenate([r for _, r, _, _ in rows])
-    r = r - basis @ (basis.T @ r)
+    whole_r = np.concatenate([r for _, r, _, _ in rows])
+    r = whole_r - basis @ (basis.T @ whole_r)
     start = 0
-    for channel, own, _, shapes in rows:
+    for channel, own, J, shapes in rows:
         at = slice(start, start + len(own))
-        start, clearest, worth, changes = at.stop, 0.0, {}, {}
+        start, clearest, in_residuals, worth, changes = at.stop, 0.0, 0.0, {}, {}
+        scaled = J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         for cause, (shape, along, largest) in shapes.items():
             whole = np.zeros(len(r))
             whole[at] = shape
@@ -639,6 +640,8 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str,
                 one = t, 1.0 - float(np.sum(after[at] ** 2) / np.sum(r[at] ** 2))
                 contact, change = cause.startswith("contact of surfaces"), along * (whole @ r) / (whole @ whole)
                 clearest = max(clearest, 0.0 if contact else t)
+                taken = 0.0 if contact else float(np.linalg.norm(span(np.column_stack([scaled, shape])).T @ own))
+                in_residuals = max(in_residuals, min(t, taken))
                 if np.max(np.abs(change)) > largest:  # no cause is larger than the record
                     continue
                 if contact:
@@ -649,7 +652,7 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str,
                     worth[named], changes[cause] = max(one, worth.get(named, one)), (t, change)
         most = max((t for t, _ in changes.values()), default=0.0)
         worth = {cause: (min(t, most), share) for cause, (t, share) in worth.items()}
-        found[channel] = clearest, worth, changes
+        found[channel] = clearest, worth, changes, in_residuals
     return found
 
 

@@ -261,7 +261,7 @@ def spread_of_fits(case: Case, _: list[str], told: Told) -> None:
     assert (low, high) == (told["least"], told["most"])
     for printed, unit, label in ((told["low"], told["unit"], low), (told["high"], told["unit_too"], high)):
         like(printed, values[label] / UNITS[unit], tens=True)
-    like(told["size"], 100 * (values[high] - values[low]) / ((values[low] + values[high]) / 2))
+    like(told["size"], 100 * (values[high] - values[low]) / ((values[low] + values[high]) / 2), tens=True)
     y, s = [], []
     for label, value in values.items():
         if case.fits[label].p[name]["standard_error"] is None:
@@ -419,10 +419,11 @@ def residual_size(case: Case, labels: list[str], told: Told) -> tuple[Fit, Block
 
 def named_causes(fit: Fit, block: Block, text: str, least: float) -> tuple[list[float], list[float]]:
     """The clearest two causes of those that explain more than `least`, with the part of the channel's own squares that
-    each explains: how clear each named one is, and its share, in their order.
+    each explains: how clear each named one is, and its share, in their order. A share of 0 % is not shown.
     """
-    _, worth, _ = causes(fit, block.experiment)[block.channel]
-    clearest = sorted((clear for clear, share in worth.values() if share > least), reverse=True)[:2]
+    _, worth, _, _ = causes(fit, block.experiment)[block.channel]
+    clearest = sorted((pair for pair in worth.values() if pair[1] > least), reverse=True)[:2]
+    clearest = [clear for clear, share in clearest if share > 0.005]
     named = re.findall(CAUSE, text)
     assert len({cause for cause, *_ in named}) == len(named) == len(clearest)
     for cause, share, *_ in named:
@@ -451,7 +452,7 @@ def is_curve(case: Case, labels: list[str], told: Told) -> None:
 def is_more_than_noise(case: Case, labels: list[str], told: Told) -> None:
     fit, b = residual_size(case, labels, told)
     assert effective(b.r) >= min(len(b.r) / 5, 10)
-    significance, _, _ = causes(fit, b.experiment)[b.channel]
+    _, _, _, significance = causes(fit, b.experiment)[b.channel]
     assert significance > 5
     like(told["sure"], significance, CLOSE)
     case.last = (labels[0], f"{told['channel']} of {told['of']}")
@@ -676,6 +677,7 @@ REMEDIES = {
     "noise": "more independent measurements, or better ones, will reduce it; softcal next-test ranks further tests",
     "mesh": "softcal mesh-study shows whether a finer mesh reduces it",
     "bounds": "a measurement of ν, or narrower bounds, will reduce it",
+    "misfit": "a model with its cause, where the notes name one, will reduce it",
 }
 
 

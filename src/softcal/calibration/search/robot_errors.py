@@ -40,6 +40,7 @@ MAY_MISS = COUNTS - 1.0  # standard errors of the shape in one channel: of all c
 MOST_VIA_POINTS = 12  # of all cables: of more, none is suspected by itself
 _FAR = 0.05  # of a cable's length: a via point further off is no slip of a ruler
 _LONGER = 0.1  # of a length: the same
+_RATIO = 0.1  # of a Poisson's ratio: the same
 _HEAVIEST = 12.0  # [m/s^2]; no gravity is larger
 _LIKELY = 0.1  # of the likelihood of the clearest error: a less likely one does not count
 _NAMED = 3
@@ -208,10 +209,12 @@ def _named(cable: Cable, bodies: Collection[str]) -> Cable:
 
 
 def _is_possible(robot: Robot, info: ParameterInfo, size: float) -> bool:
-    """Whether the parameter may have such a value, a via point is not too far off, and gravity not too large."""
+    """Whether the parameter may have such a value: no length or ratio is far off, and gravity is not too large."""
     value, part = info.value + size, parameter_name(info.name).part
     lengths = {cable.name: cable.length for cable in robot.cables}
     if info.name in GRAVITY and abs(value) > _HEAVIEST:
+        return False
+    if parameter_name(info.name).kind == "poissons_ratio" and abs(size) > _RATIO:
         return False
     if info.unit == "m" and abs(size) > (_FAR * lengths[part] if part in lengths else _LONGER * abs(info.value)):
         return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy
 from softcal.calibration.results.digits import shown, with_unit
 from softcal.calibration.statistics.estimate import Estimate, Remark, Tone
+from softcal.calibration.statistics.noise import DRIFT
 from softcal.units import format_quantity, readable_unit
 
 _COUNTS = "by noise"
@@ -39,9 +40,11 @@ def mesh_verdicts(study: MeshStudy) -> tuple[Remark, ...]:
 def shift_in_errors(estimate: Estimate, value: float) -> float | None:
     """Distance of another value from an estimate over its standard error by noise; None if it has none.
 
-    Differences between experiments are not in it: the mesh's error is the same in all of them.
+    Differences between experiments are not in it: the mesh's error is the same in all of them. Nor is the range that
+    the bounds leave open, which is that of all errors together.
     """
-    return (value - estimate.value) / estimate.noise_error if estimate.noise_error else None
+    error = estimate.error_by("noise", DRIFT, "prior")
+    return (value - estimate.value) / error if error else None
 
 
 def shift_text(estimate: Estimate, value: float) -> str:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.calibration.problem.experiment import rig_kind
-from softcal.calibration.problem.loss import Block
+from softcal.calibration.problem.loss import Block, rms
 from softcal.calibration.problem.parameters import SearchSpace
 from softcal.calibration.problem.problem import Evaluation, Problem
 from softcal.calibration.problem.uncertain import UncertainParameter
@@ -44,6 +44,7 @@ _RATIO = 0.1  # of a Poisson's ratio: the same
 _HEAVIEST = 12.0  # [m/s^2]; no gravity is larger
 _LIKELY = 0.1  # of the likelihood of the clearest error: a less likely one does not count
 _NAMED = 3
+_SLIGHT = 1e-4  # of the range of a channel
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ def with_uncertain_errors(problem: Problem, errors: Mapping[str, float]) -> Prob
 
 def suspects(problem: Problem, best: Evaluation, uncertain: Sequence[UncertainParameter]) -> list[Suspect]:
     """The errors that would each explain most of the residuals, those that explain most first; none without
-    derivatives, or where another engine simulates.
+    derivatives, where the twin meets the data within 1e-4 of their range, or where another engine simulates.
 
     Lengths of bodies count where they are uncertain: each derivative would take two more twins. Friction that is left
     out is a usual cause by its shape, and markers err by themselves (`statistics/between_markers.py`).
@@ -150,7 +151,10 @@ def suspects(problem: Problem, best: Evaluation, uncertain: Sequence[UncertainPa
     uncertain
         The parameters of its blocks' `systematic`.
     """
+    measured = [block for block in best.blocks if block.experiment]
     if problem.simulate is not None or any(block.jacobian is None for block in best.blocks):
+        return []
+    if all(rms(block.residual) <= _SLIGHT * np.ptp(block.measured) for block in measured):
         return []
     robot = with_named_points(problem.robot)
     known, apart = robot_parameters(robot), {part.name for part in (*robot.bodies, *robot.markers)}

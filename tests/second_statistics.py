@@ -55,6 +55,7 @@ class Block:
     time: np.ndarray
     drifts: bool = False
     straight: np.ndarray | None = None
+    command: np.ndarray | None = None
 
     @property
     def pull(self) -> np.ndarray:
@@ -154,7 +155,9 @@ class Fit:
         elif self.loss == "likelihood":
             unit = experiment.sigma(c)[seen]
             w = unit**-2.0
-        return Block(e, c, group, measured, r, J[seen], S[seen], w, unit, time, drifts, straight)
+        driven = experiment.drives
+        command = data[f"measured.{driven[0]}"][seen] if len(driven) == 1 else None
+        return Block(e, c, group, measured, r, J[seen], S[seen], w, unit, time, drifts, straight, command)
 
 
 def inverse_hessian(blocks: list[Block]) -> np.ndarray:
@@ -597,12 +600,13 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str,
             rows.append((b.channel, b.r / size, b.J / size, {}))
             continue
         time = b.time if b.drifts else np.linspace(0.0, 1.0, len(y))
-        slope = np.gradient(y)
+        change, onwards = np.gradient(y), np.sign(np.gradient(y if b.command is None else b.command))
         drift, law = "a drift or relaxation", "another material law or friction in bends"
-        shapes = {"an offset": y * 0 + 1, drift: time, "a gain": y, "a slack": slope}
+        shapes = {"an offset": y * 0 + 1, drift: time, "a gain": y}
+        shapes["a slack"] = change if b.command is None else onwards * change
         shapes |= {law: y**3, f"{law} #2": y * abs(y)}
-        if 0.1 < np.mean(slope > 0) < 0.9:
-            shapes["friction that reverses"] = np.sign(slope) * y
+        if 0.1 < np.mean(onwards > 0) < 0.9:
+            shapes |= {"friction that reverses": onwards * y, "a delay": change}
         if b.channel == "tension":
             shapes |= {f"{drift} #{k}": y * (1 - np.exp(-k * (time - time[0]))) for k in (1, 3)}
         if b.channel == "tension":  # contact from a place on, by which the force is larger than without

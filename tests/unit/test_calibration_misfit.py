@@ -16,7 +16,7 @@ from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
 from softcal.calibration.problem.losses.papers import PapersLoss
 from softcal.calibration.run import calibrate
 from softcal.calibration.statistics import estimator as estimator_module
-from softcal.calibration.statistics.misfit import CONTACT, DRIFT, FRICTION, GAIN, LAW, OFFSET, misfits
+from softcal.calibration.statistics.misfit import CONTACT, DELAY, DRIFT, FRICTION, GAIN, LAW, OFFSET, SLACK, misfits
 from softcal.calibration.statistics.residuals import SHOWN, outliers, residual_record, step_of_readings
 
 N = 120
@@ -50,6 +50,20 @@ def test_the_cause_of_a_misfit_explains_most_of_it(cause: str, shape: np.ndarray
     assert found.significance > 20.0
     assert GAIN not in found.explained
     assert list(found.explained.values()) == sorted(found.explained.values(), reverse=True)
+
+
+@pytest.mark.parametrize(("cause", "turns"), [(SLACK, False), (DELAY, True)])
+def test_on_the_way_back_a_delay_has_the_other_sign_and_a_slack_has_not(cause: str, turns: bool) -> None:
+    """Of a channel that first grows and then falls on each way, as a coordinate of a marker may."""
+    predicted, slope = np.sin(5.0 * UP_AND_DOWN), 5.0 * np.cos(5.0 * UP_AND_DOWN)
+    onwards = np.repeat([1.0, -1.0], N // 2) if turns else 1.0
+    error = 0.05 * onwards * slope + 0.002 * np.random.default_rng(1).standard_normal(N)
+    q = predicted[:, None] / np.linalg.norm(predicted)
+    left = error - q @ (q.T @ error)
+    seen = Block("pull", "pitch", predicted - left, left, np.full(N, 0.01), q, command=UP_AND_DOWN)
+    (found,) = misfits([seen])
+    assert next(iter(found.explained)) == cause
+    assert found.explained[cause] > 0.8  # all but the sample where it turns
 
 
 def test_a_cause_below_the_noise_is_found_beside_what_another_channel_knows() -> None:

@@ -60,6 +60,8 @@ class Block:
         Systematic error of an instrument on which nothing is stated, by the name of its parameter, such as
         `front.tension_gain`, or `front.compliance` of the machine that pulls -> the change of the residual (n,) by one
         unit of it, and by how many units all that is read would change.
+    command
+        What drives the twin (n,) [SI], where that is one channel.
     """
 
     experiment: str
@@ -73,6 +75,7 @@ class Block:
     set_up: str = ""
     drift: Floats | None = None
     unstated: Mapping[str, tuple[Floats, float]] = field(default_factory=dict[str, tuple[Floats, float]])
+    command: Floats | None = None
 
     @cached_property
     def grows_with_moduli(self) -> bool:

@@ -383,6 +383,7 @@ class Problem:
                 continue
             seen = observations[experiment.name]
             judged = [p for p in (*self.space.parameters, *self.uncertain) if p.serves(experiment.name)]
+            command = experiment.dataset.values(experiment.drives[0]) if len(experiment.drives) == 1 else None
             stated = {*robot, *experiment.settings, *(target for p in judged for target in p.targets)}
             for channel in experiment.compared:
                 there = experiment.seen(channel) & np.isfinite(seen.predicted[channel])
@@ -406,6 +407,7 @@ class Problem:
                         experiment.set_up,
                         experiment.elapsed[there] if drift and drift not in stated else None,
                         {name: (shape[there], scale) for name, (shape, scale) in errors.items() if name not in stated},
+                        None if command is None else command[there],
                     )
                 )
         return blocks

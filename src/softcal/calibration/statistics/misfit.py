@@ -26,7 +26,7 @@ from softcal.calibration.statistics.residuals import FEWEST_OF_CURVE
 from softcal.checks import Floats
 
 OFFSET, DRIFT, GAIN = "an offset", "a drift or relaxation", "a gain"
-SLACK, FRICTION = "a slack", "friction that reverses"
+SLACK, DELAY, FRICTION = "a slack", "a delay", "friction that reverses"
 LAW = "another material law or friction in bends"  # of one shape along a record without reversal
 CONTACT = "contact of surfaces"
 _ABSORBED = 1e-3  # of its size: with less left, the parameters can do what a cause would
@@ -35,7 +35,7 @@ _BEGINS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)  # of the range of a force: w
 COUNTS = 3.0  # standard errors of the clearest shape from which what the model may miss counts, from one more in whole
 _ROUGHLY = 0.02  # of the decrease of the squares by the clearest cause
 _MOST = 0.5  # of the squares: an error of the robot's description that explains less is no explanation
-_BRANCH = 0.1  # of the samples: a branch of a cycle
+_BRANCH = 0.1  # of the samples: a branch of a cycle; along one branch, a delay is like a slack
 _FEWEST = 8  # values more than parameters and shapes together
 _ROUNDING = 1e-9  # of what is measured: smaller residuals are those of an exact fit
 
@@ -239,18 +239,18 @@ def _shapes(block: Block) -> list[tuple[str, Floats]]:
     y = block.residual + block.measured
     n = len(y)
     time = np.linspace(0.0, 1.0, n) if block.drift is None else block.drift
-    slope, largest = np.gradient(y), max(float(np.abs(y).max()), 1e-300)
+    change, largest = np.gradient(y), max(float(np.abs(y).max()), 1e-300)
+    onwards = np.sign(change if block.command is None else np.gradient(block.command))
     shapes = [
         (OFFSET, np.ones(n)),
         (DRIFT, time - time[0]),
         (GAIN, y),
-        (SLACK, slope),
+        (SLACK, change if block.command is None else onwards * change),
         (LAW, y * np.abs(y / largest)),
         (LAW, y * (y / largest) ** 2),
     ]
-    rises = float(np.mean(slope > 0.0))
-    if _BRANCH < rises < 1.0 - _BRANCH:
-        shapes.append((FRICTION, np.sign(slope) * y))
+    if _BRANCH < float(np.mean(onwards > 0.0)) < 1.0 - _BRANCH:
+        shapes += [(FRICTION, onwards * y), (DELAY, change)]
     if block.grows_with_moduli:
         shapes += [(DRIFT, y * np.expm1(-rate * (time - time[0]))) for rate in _RELAXES]
         low, high = float(y.min()), float(y.max())

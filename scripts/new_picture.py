@@ -5,6 +5,7 @@ Needs the extra `watch`, playwright and a Chromium; takes a minute.
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -83,7 +84,7 @@ def main() -> None:
         for one in (FINGER / "finger.stl", *FINGER.glob("data/*.csv")):
             shutil.copy(one, folder)
         command = [sys.executable, "-m", "softcal", "new", str(folder), "--no-browser", "--port", "0"]
-        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, "HOME": place})
         try:
             address = server.stdout.readline().split()[1]  # type: ignore[union-attr]
             shown = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=DRAWN_BY_SOFTWARE)

@@ -197,7 +197,9 @@ class NewPage:
         with ui.element("main").classes("sc-page"):
             with ui.element("header").classes("sc-head"):
                 ui.label("A project").classes("sc-name")
-                ui.label(str(project.folder.resolve())).classes("sc-stage")
+                place, home = project.folder.resolve(), Path.home().resolve()
+                shown = Path("~", place.relative_to(home)) if place.is_relative_to(home) else place
+                ui.label(str(shown)).classes("sc-stage")
             with _card("sc-7", "1  Click what is fixed, what a plate holds, and the bore of the cable"):
                 self._mode = ui.toggle([TURN, FOOT, PLATE, BORE], value=TURN).props("dense no-caps").mark("mode")
                 camera = ui.scene.perspective_camera(fov=45, near=0.1, far=200)

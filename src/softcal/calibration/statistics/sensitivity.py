@@ -319,8 +319,8 @@ def overstated(loss: Loss, blocks: Sequence[Block], n_parameters: int) -> list[R
             seen, said = (format_quantity(one * rms(stated), units[group], digits=2) for one in (size, 1.0))
             text = (
                 f"The residuals of {group} show a noise of {seen}, far below the stated {said}{varies}: independent "
-                f"noise of that size would leave such residuals with a probability below {_BY_CHANCE}. The intervals use "
-                "the stated noise."
+                f"noise of that size would leave such residuals with a probability below {_BY_CHANCE}. "
+                "The intervals use the stated noise."
             )
             notes.append(Remark(text))
     return notes

@@ -84,6 +84,10 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
         (HEADER + ROWS).replace(",", ";").replace(".", ",") + "0,6;1.050,5\n",
         r"got '1\.050,5'.* Try: numbers without a mark between thousands\.$",
     ),
+    "two rows of names": (
+        HEADER + HEADER + ROWS,
+        r"line 2: 2 value.* has the units, or header_row: 2, if it has the names",
+    ),
     "text above the rows": (HEADER + "0.0,x\n" + ROWS, r"got 'x'; .* Try: units_row: 2, if it has the units\.$"),
     "a unit of the table's own": (HEADER.replace("[s]", "[Sek.]") + ROWS, r"got 'Sek\.'; .* Try: unit: s, in the"),
     "a unit after a word, and another in the project": (HEADER.replace("[N]", "in kN") + ROWS, "'N' in the project"),

@@ -223,7 +223,10 @@ def not_numbers(table: Table, places: Mapping[str, int], held: Columns) -> list[
         odd = {name: one for name, one in held.odd.items() if [one.n, *one.lines] == [n_lines, *lines]}
         n, cells = n_lines * len(odd), [cell for one in odd.values() for cell in one.cells]
         n_left = table.last_line - lines[0] + 1  # lines from the first of them to the end
-        attempt = f"units_row: {lines[0]}, if it has the units" if lines[0] == table.first_line and n_lines == 1 else ""
+        attempt = ""
+        if lines[0] == table.first_line and n_lines == 1:
+            names = f", or header_row: {lines[0]}, if it has the names" if len(odd) == len(places) else ""
+            attempt = f"units_row: {lines[0]}, if it has the units{names}"
         if not any(cells):
             attempt = "a file without these lines, or with values there: time and what drives the robot need one a row"
         elif all(_THOUSANDS.fullmatch(cell) for cell in cells):

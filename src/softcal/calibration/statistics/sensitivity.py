@@ -298,6 +298,13 @@ def overstated(loss: Loss, blocks: Sequence[Block], n_parameters: int) -> list[R
 
     The sum of their squares has a chi-square distribution, here with one degree of freedom for each residual that is
     independent of its neighbours, without those of all parameters; Bonferroni's correction counts the groups.
+
+    Parameters
+    ----------
+    loss, blocks
+        The loss, and its blocks.
+    n_parameters
+        Number of fitted parameters.
     """
     from scipy.special import chdtr
 

@@ -122,6 +122,13 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("[0.1 MPa, 40 MPa]", "[40 MPa, 0.1 MPa]"),
         ("project.yaml:34: parameters.bar.youngs_modulus", "reversed", "40 MPa to 100 kPa", "lower < upper"),
     ),
+    "a prior outside the bounds": (
+        ("{bounds: [0.1 MPa, 40 MPa]", "{bounds: [3 MPa, 40 MPa], prior: {mean: 2 MPa, sd: 1 MPa}"),
+        (
+            "project.yaml:34: parameters.bar.youngs_modulus: the prior's mean is",
+            "got 2 MPa; allowed: 3 to 40 MPa. Try:",
+        ),
+    ),
     "a log scale through zero": (
         ("front.slack: {bounds: [0 mm, 5 mm]", "front.slack: {bounds: [0 mm, 5 mm], scale: log"),
         ("project.yaml:35: parameters.front.slack", "log scale needs bounds above zero"),
@@ -248,8 +255,11 @@ def put(row: int, column: int, value: str) -> str:
 
 DATA: dict[str, tuple[Callable[[], str], tuple[str, ...]]] = {
     "text in a number column": (lambda: put(4, 2, "overload"), ("column 'Force [N]', line 5", "'overload'", "numbers")),
-    "NaN in a number column": (lambda: put(4, 2, "NaN"), ("column 'Force [N]', line 5", "'NaN'")),
-    "nothing in a number column": (lambda: put(7, 1, ""), ("column 'Displacement [mm]', line 8", "got nothing")),
+    "NaN in a column of times": (lambda: put(4, 0, "NaN"), ("column 'Time [s]', line 5", "'NaN'")),
+    "nothing in the column that drives the robot": (
+        lambda: put(7, 1, ""),
+        ("column 'Displacement [mm]', line 8", "got nothing"),
+    ),
     "time that runs backwards": (
         lambda: put(9, 0, "0.05"),
         ("time runs backwards", "column 'Time [s]', line 10", "'0.05' after"),
@@ -267,6 +277,16 @@ DATA: dict[str, tuple[Callable[[], str], tuple[str, ...]]] = {
 def test_a_data_file_with_a_fault(capsys: pytest.CaptureFixture[str], tmp_path: Path, case: str):
     data, pieces = DATA[case]
     refused(capsys, write_project(tmp_path, data=data()), "project.yaml:26: experiments.pull.files[0]", *pieces)
+
+
+def test_an_empty_cell_of_a_channel_is_not_compared_and_noted(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    out = tmp_path / "out"
+    path = write_project(tmp_path, data=put(4, 2, ""))
+    code, printed, err = run(capsys, "calibrate", path, "--out", out, "--verbose", "--no-report")
+    assert code == 0, err
+    assert "not measured, and so not compared: tension in state 4." in " ".join(printed.split())
+    assert "does not rise" not in err
+    assert json.loads((out / "result.json").read_text())["experiments"]["pull"]["missing"] == {"tension": 1}
 
 
 def test_all_faults_of_the_sections_at_once_and_then_all_of_what_they_name(

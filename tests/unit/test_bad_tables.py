@@ -13,6 +13,7 @@ from softcal.errors import DatasetError, InputError, StorageError
 from softcal.experiments import columns as columns_of
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.plausibility import check_plausible
+from softcal.experiments.prepare import prepare
 from softcal.experiments.read import read_table
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 
@@ -37,11 +38,10 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
     "only numbers": ("1,2\n3,4\n", "no line with column names"),
     "text in a cell": (HEADER + ROWS + "0.6,overload\n", r"column 'Force \[N\]', line 8: .*; got 'overload'"),
     "a huge text in a cell": (HEADER + ROWS + "0.6," + "x" * 5000 + "\n", r"line 8: .*; got 'x{39}…'"),
-    "NaN": (HEADER + ROWS + "0.6,NaN\n", r"line 8: .*; got 'NaN'"),
+    "NaN": (HEADER + ROWS + "NaN,1\n", r"line 8: .*; got 'NaN'"),
     "infinity": (HEADER + ROWS + "0.6,inf\n", r"line 8: .*; got 'inf'"),
     "a number beyond all": (HEADER + ROWS + "0.6,1e400\n", r"line 8: .*; got '1e400'"),
-    "an empty cell": (HEADER + ROWS + "0.6,\n", r"line 8: .*; got nothing"),
-    "a row that is cut off": (HEADER + ROWS + "0.6", r"line 8: .*; got nothing"),
+    "an empty cell": (HEADER + ROWS + ",1\n", r"line 8: .*; got nothing.*time and what drives the robot need"),
     "a spreadsheet's error in the first cell": (HEADER + ROWS + "#DIV/0!,1\n", r"line 8: .*; got '#DIV/0!'"),
     "a value that a spreadsheet lacks": (HEADER + ROWS + "#N/A,1\n", r"line 8: .*; got '#N/A'"),
     "a German spreadsheet's error": ((HEADER + ROWS).replace(",", ";") + "#WERT!;1\n", r"line 8: .*; got '#WERT!'"),
@@ -83,6 +83,10 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
     "marks between thousands": (
         (HEADER + ROWS).replace(",", ";").replace(".", ",") + "0,6;1.050,5\n",
         r"got '1\.050,5'.* Try: numbers without a mark between thousands\.$",
+    ),
+    "two rows of names": (
+        HEADER + HEADER + ROWS,
+        r"line 2: 2 value.* has the units, or header_row: 2, if it has the names",
     ),
     "text above the rows": (HEADER + "0.0,x\n" + ROWS, r"got 'x'; .* Try: units_row: 2, if it has the units\.$"),
     "a unit of the table's own": (HEADER.replace("[s]", "[Sek.]") + ROWS, r"got 'Sek\.'; .* Try: unit: s, in the"),
@@ -165,19 +169,32 @@ def test_a_footer_is_skipped_and_lines_are_those_of_the_file(tmp_path: Path) -> 
     with pytest.raises(DatasetError, match=r"line 9: .*; got 'end of test'.* Try: skip_footer: 1, to leave the end"):
         read(tmp_path, text)
     with pytest.raises(DatasetError) as caught:
-        read(tmp_path, HEADER + ROWS + "Stop,n/a\n")
+        read(tmp_path, HEADER + ROWS + "Stop,end\n")
     assert len(caught.value.faults) == 1, "one line, one fault"
-    assert "columns 'Time [s]', 'Force [N]', line 8: 2 value(s) are not numbers; got 'Stop', 'n/a'" in str(caught.value)
+    assert "columns 'Time [s]', 'Force [N]', line 8: 2 value(s) are not numbers; got 'Stop', 'end'" in str(caught.value)
     further = "".join(f"{k},{k}\n" for k in range(8, 20))
     with pytest.raises(DatasetError, match=r"got 'odd'; allowed: numbers with a decimal point\.$"):
         read(tmp_path, HEADER + ROWS + "7.5,odd\n" + further)
 
 
-def test_an_empty_cell_of_a_channel_has_a_remedy(tmp_path: Path) -> None:
+@pytest.mark.parametrize("cell", ["", "NaN", "n/a"])
+def test_an_empty_cell_of_a_channel_is_a_missing_value(tmp_path: Path, cell: str) -> None:
     path = tmp_path / "pull.csv"
-    path.write_text("Force [N],Pitch [deg]\n" + "".join(f"{i},{'' if 3 < i < 6 else i}\n" for i in range(30)))
-    with pytest.raises(DatasetError, match="a file without these lines, or with values there"):
-        read_table(path, {"tension": ColumnSpec("Force [N]"), "pitch": ColumnSpec("Pitch [deg]")})
+    angles = [170.0 + 3.0 * i if i < 4 else -190.0 + 3.0 * i for i in range(30)]  # a full turn is taken out
+    path.write_text("Force [N],Pitch [deg]\n" + "".join(f"{i},{cell if i == 8 else p}\n" for i, p in enumerate(angles)))
+    columns = {"tension": ColumnSpec("Force [N]"), "pitch": ColumnSpec("Pitch [deg]")}
+    found = read_table(path, columns)
+    expected = np.deg2rad(170.0 + 3.0 * np.arange(30))
+    expected[8] = np.nan
+    np.testing.assert_allclose(found.values("pitch"), expected)
+    assert found.incomplete == ("pitch",)
+    assert "pitch is missing in 1 row(s)" in found.provenance[0].outcome
+    with pytest.raises(DatasetError, match=r"line 10: 1 value\(s\) are not numbers"):
+        read_table(path, columns, complete=["pitch"])
+    assert prepare(found, [{"zero": {"channel": "tension"}}]).incomplete == ("pitch",)
+    for step in ({"zero": {"channel": "pitch"}}, {"take_branch": "loading"}):
+        with pytest.raises(DatasetError, match=r"cannot be applied to missing values; got pitch; .* the rows in which"):
+            prepare(found, [step])
 
 
 def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
@@ -212,6 +229,7 @@ def test_a_table_beyond_all_memory_is_refused(tmp_path: Path, monkeypatch: pytes
 # VmHWM: the largest memory of this process alone; the resource module tells that of its parent where that is larger.
 LONG = """
 from pathlib import Path
+from softcal.experiments.prepare import prepare
 from softcal.experiments.read import read_table
 from softcal.experiments.table_format import ColumnSpec
 names = {{"time": "Time", "shortening": "Displacement", "tension": "Force", "pitch": "Pitch"}}

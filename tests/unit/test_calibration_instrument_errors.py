@@ -11,7 +11,7 @@ import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
 from softcal.calibration.problem.experiment import Experiment
-from softcal.calibration.problem.loss import Loss
+from softcal.calibration.problem.loss import Block, Loss
 from softcal.calibration.problem.losses.likelihood import LikelihoodLoss
 from softcal.calibration.problem.losses.papers import PapersLoss
 from softcal.calibration.problem.parameters import FreeParameter
@@ -20,6 +20,7 @@ from softcal.calibration.problem.uncertain import UncertainParameter
 from softcal.calibration.results.result import CalibrationResult
 from softcal.calibration.results.result_reading import load_result
 from softcal.calibration.run import calibrate
+from softcal.calibration.statistics.sensitivity import moving_errors
 from softcal.report.first_screen import FirstScreen, three_sentences
 
 FREE = (
@@ -114,5 +115,19 @@ def test_the_closing_sentences_name_them_and_files_keep_them(tmp_path: Path) -> 
     assert " shifts by half the length of its interval where front.tension_offset is off by " in text
     assert all(f"{error} is off by " in text for error in one.moved_by)
     assert load_result(tmp_path / "run").parameters == best.parameters
+    by_gain = {name: replace(held, moved_by={"front.tension_gain": 0.015}) for name, held in best.parameters.items()}
+    assert "where front.tension_gain is off by 1.5 %." in sentences(replace(best, parameters=by_gain))
     quiet = {name: replace(held, moved_by={}) for name, held in best.parameters.items()}
     assert "shifts by half" not in sentences(replace(best, parameters=quiet))
+
+
+@pytest.mark.parametrize(("offset", "named"), [(0.5, "front.tension_gain"), (1.0, "front.tension_offset")])
+def test_the_error_of_a_load_cell_that_is_smallest_over_its_largest_reading_is_named(offset: float, named: str) -> None:
+    """One unit of the offset changes all readings, of up to 10 N, by 0.5 N or by 1 N."""
+    predicted = np.linspace(1.0, 10.0, 30)
+    shapes = {"front.tension_gain": (predicted, 1.0), "front.tension_offset": (np.full(30, offset), 10.0)}
+    block = Block("pull", "tension", predicted, np.zeros(30), 0.1, predicted[:, None], unstated=shapes)
+    (found,) = moving_errors(LikelihoodLoss(), np.ones(1), [block], np.full(1, 0.01))
+    assert list(found) == [named]
+    if named == "front.tension_gain":
+        assert found[named] == pytest.approx(0.01)

@@ -24,7 +24,7 @@ from softcal.calibration.search.optimisers import least_squares
 from softcal.calibration.search.optimisers.least_squares import LeastSquaresOptimiser
 from softcal.calibration.statistics.convergence import in_standard_errors
 from softcal.calibration.statistics.local_model import LocalModel, Point
-from softcal.calibration.statistics.sensitivity import local_statistics
+from softcal.calibration.statistics.sensitivity import local_statistics, overstated
 from softcal.experiments.dataset import Channel
 
 BOUNDS = {E: (0.1e6, 40e6), NU: (0.4, 0.4999)}
@@ -491,6 +491,30 @@ def test_the_status_counts_every_trajectory_and_names_the_start_that_was_not_ask
     _, n, status = search(problem_of(PapersLoss(), start=tuple(TRUE.values())))
     assert n == 1
     assert status.startswith("Converged in 1 trial, ")
+
+
+@pytest.mark.parametrize(("stated", "correlation", "least", "most"), [(1, 0, 0, 1), (1, 0.5, 0, 1), (10, 0, 200, 200)])
+def test_noise_stated_far_too_large_is_told(stated: float, correlation: float, least: int, most: int) -> None:
+    """In 200 calibrations, by two channels of which the first alone may have a wrong statement."""
+    count, n = 0, 40
+    jacobian = np.column_stack([np.ones(n), np.linspace(-1, 1, n)])
+    space = SearchSpace(tuple(FreeParameter(name, "m", 0.0, 1.0) for name in "ab"))
+    for seed in range(200):
+        noise = np.random.default_rng(seed).standard_normal((n, 2))
+        for i in range(1, n):
+            noise[i] = correlation * noise[i - 1] + np.sqrt(1.0 - correlation**2) * noise[i]
+        left = noise - jacobian @ np.linalg.lstsq(jacobian, noise, rcond=None)[0]
+        blocks = [Block("pull", "tension", np.ones(n), 0.1 * left[:, 0], 0.1 * stated, jacobian)]
+        blocks += [Block("pull", "pitch", np.ones(n), 0.1 * left[:, 1], 0.1, jacobian)]
+        notes = overstated(LikelihoodLoss(), blocks, space.size)
+        count += bool(notes)
+        assert all("The residuals of tension show a noise of" in one.text for one in notes[:stated])
+        assert len(notes) < 2
+    assert least <= count <= most
+    if stated > 1:
+        told = [one.text for one in local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blocks).notes]
+        assert sum("far below the stated 1 N: " in one and "The intervals use the stated" in one for one in told) == 1
+    assert not overstated(PapersLoss(), blocks, space.size)
 
 
 @pytest.mark.parametrize(("factor", "prior"), [(1.0, False), (5.0, False), (5.0, True), (2e4, False)])

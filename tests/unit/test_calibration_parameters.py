@@ -94,6 +94,10 @@ def test_a_space_that_makes_no_sense_is_refused(parameters: tuple[FreeParameter,
         ({"start": 3e6}, "start is outside"),
         ({"prior_mean": 1e6}, "both a mean and an sd"),
         ({"prior_mean": 1e6, "prior_sd": 0.0}, "sd must be above zero"),
+        (
+            {"prior_mean": 3e6, "prior_sd": 1e6},
+            r"the prior's mean is outside the bounds; got 3 MPa; allowed: 1 to 2 MPa. Try: wider bounds",
+        ),
     ],
 )
 def test_a_parameter_that_makes_no_sense_is_refused_by_itself(values: dict[str, Any], message: str) -> None:

@@ -165,15 +165,15 @@ def test_no_wanted_column_at_all(tmp_path: Path) -> None:
 
 
 def test_text_and_nan_are_told_with_their_lines(tmp_path: Path) -> None:
-    text = "# run 3\nTime,Disp,Force\n0.0,0.0,0.5\n\n0.1,1.5,NaN\n0.2,oops,2.0\n0.3,2.0,\n"
+    text = "# run 3\nTime,Disp,Force\n0.0,0.0,0.5\n\n0.1,1.5,NaN\n0.2,oops,2.0\n0.3,2.0,\n0.4,2.5,inf\n"
     with pytest.raises(DatasetError) as caught:
-        read_table(write(tmp_path, text), UTM)
+        read_table(write(tmp_path, text), UTM, complete=["tension"])
     told = str(caught.value).splitlines()
     assert len(told) == 2
     assert "column 'Disp', line 6" in told[0]
     assert "'oops'" in told[0]
-    assert "column 'Force', lines 5, 7" in told[1]
-    assert "'NaN', nothing" in told[1]
+    assert "column 'Force', lines 5, 7, 8" in told[1]
+    assert "'NaN', nothing, 'inf'" in told[1]
 
 
 def test_all_faults_at_once(tmp_path: Path) -> None:

@@ -61,6 +61,18 @@ def test_nothing_is_made_up_where_a_record_has_a_gap() -> None:
         assert f"{len(time)} of {len(MOVED.time)} samples" in merged.provenance[-1].outcome
 
 
+def test_a_missing_value_of_the_motion_leaves_the_clocks_matched() -> None:
+    whole = imu(3.0, noise=0.0)
+    values = whole.values("pitch").copy()
+    values[800:820] = np.nan
+    seen = whole.with_channels(Step("read_table"), pitch=values)
+    merged, complete = (synchronise(utm(), one, CommonMotion()) for one in (seen, whole))
+    assert merged.provenance[-1].settings["lag"] == pytest.approx(complete.provenance[-1].settings["lag"], abs=1e-3)
+    gone = np.isnan(merged.values("pitch"))
+    assert 0 < gone.sum() < 20
+    assert_allclose(merged.values("pitch")[~gone], complete.values("pitch")[~gone], atol=1e-3)
+
+
 def test_lag_is_finer_than_a_sample() -> None:
     fit = fit_clock(utm(), imu(1.2345, noise=0.0, step=0.02), CommonMotion(estimate_rate=False))
     assert_allclose(fit.lag, 1.2345, atol=1.5e-3)

@@ -541,6 +541,22 @@ def together(case: Case, labels: list[str], told: Told) -> None:
     assert after / before < 0.5
 
 
+@sentence(
+    rf"The residuals of (?P<group>\w+) show a noise of (?P<seen>{V}) (?P<unit>\w+), far below the stated (?P<said>{V}) "
+    r"(?P<of>\w+)(?: on average)?: independent noise of that size would leave such residuals with a probability below "
+    r"0\.001\. The intervals use the stated noise"
+)
+def noise_stated_too_large(case: Case, labels: list[str], told: Told) -> None:
+    for label in labels:
+        fit = case.fits[label]
+        own = [b for b in fit.blocks if b.experiment and b.group == told["group"]]
+        over, stated = np.concatenate([b.r / b.unit for b in own]), np.concatenate([b.unit for b in own])
+        dof, rms = len(over) - len(fit.names), math.sqrt(np.mean(stated**2))
+        like(told["said"], rms / UNITS[told["of"]], CLOSE)
+        like(told["seen"], rms * math.sqrt(over @ over / dof) / UNITS[told["unit"]], CLOSE)
+        assert stats.chi2.cdf(over @ over, dof) < 0.001
+
+
 @sentence(r"The intervals include the noise and its correlation along the records(.*?)(?=\. Not included)")
 def included(case: Case, labels: list[str], told: Told) -> None:
     for label in labels:

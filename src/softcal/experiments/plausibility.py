@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.experiments.dataset import Dataset
+from softcal.experiments.dataset import Dataset, Step
 from softcal.experiments.driven import driven_whole
 from softcal.experiments.header import column_unit
 from softcal.experiments.steps.branches import curve
@@ -64,8 +64,9 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
             unit, factor = ("deg", np.degrees(1.0)) if kind.unit == "rad" else (kind.unit, 1.0)
             reached = f"reaches {factor * largest:.3g} {unit}, above {factor * kind.most:g} {unit}"
             warnings.append(f"{key} {reached}: {kind.mistake}?")
-    if {"pitch", "shortening"} <= dataset.channels.keys():
-        swing, travel = (float(np.ptp(dataset.values(key))) for key in ("pitch", "shortening"))
+    known = {key: one.values for key, one in dataset.channels.items() if np.isfinite(one.values).any()}
+    if {"pitch", "shortening"} <= known.keys():
+        swing, travel = (float(np.nanmax(known[key]) - np.nanmin(known[key])) for key in ("pitch", "shortening"))
         if travel > 5e-3 and swing == 0.0:
             warnings.append("the pitch never changes: is it the right column?")
         elif travel > 5e-3 and swing < _MIN_ANGLE:
@@ -79,7 +80,7 @@ def check_plausible(dataset: Dataset) -> tuple[str, ...]:
         speeds = np.abs(np.diff(dataset.values("shortening"))[moving] / np.diff(time)[moving])
         if not moving.any():
             warnings.append("time never advances: is it the right column?")
-        elif (speed := float(np.max(speeds))) > _MAX_SPEED:
+        elif (speed := float(np.max(speeds, initial=0.0, where=np.isfinite(speeds)))) > _MAX_SPEED:
             limit = f"above {_MAX_SPEED:g} m/s: time in min or ms?"
             warnings.append(f"the crosshead moves at {speed:.3g} m/s, {limit}")
     # Rows written more than once would count as measurements of their own.
@@ -173,6 +174,10 @@ def _stiffness(dataset: Dataset) -> list[str]:
     of = driven_whole(dataset)
     if of is None:
         return []
+    known = np.logical_and(*(np.isfinite(dataset.values(name)) for name in of.names))
+    if not known.any():
+        return []
+    dataset = dataset.take(known, Step("known"))
     coordinate, effort = of.rising(dataset, of.coordinate), of.rising(dataset, of.effort)
     if dataset.n_samples == 1:
         needed = f"a stiffness needs two or more, at different {of.kinds[0].name}s"

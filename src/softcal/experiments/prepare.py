@@ -38,13 +38,16 @@ class PlannedStep:
         DatasetError
             If the data do not allow the step.
         """
-        if dataset.incomplete and not STEPS[self.name].keeps_gaps:
+        of = self.settings.get("channel")
+        gaps = [name for name in dataset.incomplete if of in (None, name)]  # a step of one channel leaves the others
+        if gaps and not STEPS[self.name].keeps_gaps:
             raise DatasetError(
                 Fault(
                     f"{self.name} cannot be applied to missing values",
                     where=dataset.name,
-                    got=", ".join(dataset.incomplete),
+                    got=", ".join(gaps),
                     allowed=", ".join(sorted(name for name, step in STEPS.items() if step.keeps_gaps)),
+                    attempt="a file without the rows in which they are missing",
                 )
             )
         return STEPS[self.name].function(dataset, **self.settings)

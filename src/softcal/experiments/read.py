@@ -35,6 +35,7 @@ def read_table(
     where: Mapping[str, object] | None = None,
     optional: Collection[str] = (),
     label: str | None = None,
+    complete: Collection[str] = (),
 ) -> Dataset:
     """Read a CSV or TXT file of a testing machine, an IMU or a marker measurement.
 
@@ -45,7 +46,7 @@ def read_table(
         names are skipped.
     columns
         Channel -> its column. Channels: time, shortening, tension, pitch, roll, yaw, x, y, z; all but time also for
-        several cables, plates and markers, such as `cable1.tension` or `m4.x` (an empty cell is a missing value), and
+        several cables, plates and markers, such as `cable1.tension` or `m4.x`, and
         their standard deviations, such as `m4.x_sd`; hanging mass of a cable [kg]. The four columns qw, qx, qy, qz
         become pitch, roll and yaw (`orientation.plate_angles`).
     written
@@ -58,12 +59,15 @@ def read_table(
         Channels that are omitted if the file has no such column.
     label
         Column that names each row.
+    complete
+        Channels that need a value in every row, as time and quaternions do; of all others an empty cell is a missing
+        value.
 
     Raises
     ------
     DatasetError
-        With all faults: missing or duplicate column, text or NaN in a number column, descending time, an empty file, a
-        filter without a matching row.
+        With all faults: missing or duplicate column, text in a number column, a value of `complete` that is missing,
+        descending time, an empty file, a filter without a matching row.
     UnitError
         If all faults are of units: missing, unknown, of another dimension, or contradicting the file.
     StorageError
@@ -76,7 +80,7 @@ def read_table(
     held = read_columns(
         table,
         places,
-        may_miss=lambda key: "." in key,
+        may_miss=lambda key: key not in (TIME.name, *QUATERNION, *complete),
         filters=layout.filters,
         label=layout.label,
         decimal=written.decimal,
@@ -136,10 +140,12 @@ def read_table(
     else:
         for key in (angle.name for angle in ANGLES):
             if key in values:
-                unwrapped = np.unwrap(values[key]) if (np.abs(np.diff(values[key])) >= np.pi).any() else values[key]
-                if not np.array_equal(unwrapped, values[key]):
+                known = np.isfinite(values[key])
+                as_read = values[key][known]
+                unwrapped = np.unwrap(as_read) if (np.abs(np.diff(as_read)) >= np.pi).any() else as_read
+                if not np.array_equal(unwrapped, as_read):
                     notes.append(f"jumps of a full turn taken out of {key}")
-                values[key] = unwrapped
+                values[key][known] = unwrapped
     for key, value in values.items():
         if np.isnan(value).any():
             notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
@@ -217,9 +223,12 @@ def not_numbers(table: Table, places: Mapping[str, int], held: Columns) -> list[
         odd = {name: one for name, one in held.odd.items() if [one.n, *one.lines] == [n_lines, *lines]}
         n, cells = n_lines * len(odd), [cell for one in odd.values() for cell in one.cells]
         n_left = table.last_line - lines[0] + 1  # lines from the first of them to the end
-        attempt = f"units_row: {lines[0]}, if it has the units" if lines[0] == table.first_line and n_lines == 1 else ""
+        attempt = ""
+        if lines[0] == table.first_line and n_lines == 1:
+            names = f", or header_row: {lines[0]}, if it has the names" if len(odd) == len(places) else ""
+            attempt = f"units_row: {lines[0]}, if it has the units{names}"
         if not any(cells):
-            attempt = "a file without these lines, or with values there: only positions of markers may be missing"
+            attempt = "a file without these lines, or with values there: time and what drives the robot need one a row"
         elif all(_THOUSANDS.fullmatch(cell) for cell in cells):
             attempt = "numbers without a mark between thousands"
         elif n_left <= _FOOTER and sum(i >= lines[0] for numbers, _ in table.rows() for i in numbers) == n_lines:

@@ -222,6 +222,8 @@ def fit_clock(utm: Dataset, imu: Dataset, motion: CommonMotion) -> ClockFit:
 
 
 def _distinct(time: Floats, values: Floats) -> tuple[Floats, Floats]:
+    known = np.isfinite(values)
+    time, values = time[known], values[known]
     kept = np.concatenate([[True], np.diff(time) > 0])
     return time[kept], values[kept]
 

@@ -216,7 +216,9 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
                 findings.add((*path, "axes"), what, got=", ".join(file.axes), attempt=attempt)
             if found.suffix.lower() == MOTION_CAPTURE:
                 return read_c3d(found, file.markers, name=name)
-            return read_table(found, written=file, name=name, label=section.label, **asked_of(file))
+            drives = section.drive if isinstance(section.drive, list) else [section.drive or "shortening"]
+            complete = [key for key in file.columns if as_prepared(key) in drives and "." not in key]
+            return read_table(found, written=file, name=name, label=section.label, complete=complete, **asked_of(file))
     return None
 
 

@@ -61,9 +61,15 @@ class FreeParameter(ScopedParameter):
         bounds = format_range(self.lower, self.upper, self.unit)
         if self.lower >= self.upper:
             faults.append(Fault("the bounds are reversed or equal", self.label, bounds, "lower < upper"))
-        elif self.start is not None and not self.lower <= self.start <= self.upper:
-            start = format_quantity(self.start, self.unit)
-            faults.append(Fault("the start is outside the bounds", self.label, start, bounds))
+        else:
+            inside = {"start": (self.start, ""), "prior's mean": (self.prior_mean, "wider bounds, or another mean")}
+            faults += [
+                Fault(
+                    f"the {what} is outside the bounds", self.label, format_quantity(value, self.unit), bounds, attempt
+                )
+                for what, (value, attempt) in inside.items()
+                if value is not None and not self.lower <= value <= self.upper
+            ]
         if self.scale == "log" and self.lower <= 0:
             what, attempt = "a log scale needs bounds above zero", "a linear scale, or a higher bound"
             faults.append(Fault(what, self.label, bounds, attempt=attempt))

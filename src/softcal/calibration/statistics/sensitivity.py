@@ -33,11 +33,15 @@ from softcal.calibration.statistics.intervals import box_intervals
 from softcal.calibration.statistics.left_out import LeftOut, left_out
 from softcal.calibration.statistics.noise import DRIFT, MISFIT, PRIOR
 from softcal.calibration.statistics.random_effects import WORDS, Spread
+from softcal.calibration.statistics.residuals import residual_record
 from softcal.checks import Floats
-from softcal.units import plain
+from softcal.sensing.channel import channel_name
+from softcal.units import format_quantity, plain
 
 # Residuals this many times larger than the noise of the records are reported in a note.
 _TOO_LARGE = 1.5
+# And residuals this many times smaller, where chance makes them so with a probability below this.
+_TOO_SMALL, _BY_CHANCE = 3.0, 1e-3
 _TOGETHER = 0.5
 """Two parameters whose standard error falls below this share of itself when the other is known move together."""
 INCLUDED = "The intervals include"
@@ -210,7 +214,7 @@ def local_statistics(
         errors[label] = None if at_bound[label] else float(error * abs(slopes[j]))
     beyond = {space.labels[j]: float(found.beyond[j]) for j in known if at_bound[space.labels[j]]}
     within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
-    notes += _together(space, within, found, slopes)
+    notes += [*overstated(loss, blocks, space.size), *_together(space, within, found, slopes)]
     if MARKERS in found.variances:
         notes.append(Remark(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
     notes += [
@@ -287,6 +291,46 @@ def moving_errors(loss: Loss, slopes: Floats, blocks: Sequence[Block], half: Flo
             found[instrument] = min(found.get(instrument, best), best)
         smallest.append({name: size for _, name, size in sorted(found.values())})
     return smallest
+
+
+def overstated(loss: Loss, blocks: Sequence[Block], n_parameters: int) -> list[Remark]:
+    """A note for each group of channels whose residuals prove that the stated noise is too large.
+
+    The sum of their squares has a chi-square distribution, here with one degree of freedom for each residual that is
+    independent of its neighbours, without those of all parameters; Bonferroni's correction counts the groups.
+
+    Parameters
+    ----------
+    loss, blocks
+        The loss, and its blocks.
+    n_parameters
+        Number of fitted parameters.
+    """
+    from scipy.special import chdtr
+
+    groups: dict[str, list[tuple[Floats, Floats]]] = {}
+    units: dict[str, str] = {}
+    for block in blocks:
+        noise = loss.stated_noise(block)
+        if block.experiment and noise is not None:
+            groups.setdefault(group := loss.noise_group(block), []).append((block.residual / noise, noise))
+            units[group] = channel_name(block.channel).kind.unit
+    notes: list[Remark] = []
+    for group, own in groups.items():
+        over, stated = (np.concatenate(each) for each in zip(*own, strict=True))
+        records = [residual_record(one) for one, _ in own]
+        worth = sum(1.0 if one is None else one.effective for one in records) - n_parameters
+        size = float(np.sqrt(over @ over / max(len(over) - n_parameters, 1)))
+        if worth > 0.0 and size < 1.0 / _TOO_SMALL and len(groups) * chdtr(worth, worth * size**2) < _BY_CHANCE:
+            varies = " on average" if np.ptp(stated) > 0.0 else ""
+            seen, said = (format_quantity(one * rms(stated), units[group], digits=2) for one in (size, 1.0))
+            text = (
+                f"The residuals of {group} show a noise of {seen}, far below the stated {said}{varies}: independent "
+                f"noise of that size would leave such residuals with a probability below {_BY_CHANCE}. "
+                "The intervals use the stated noise."
+            )
+            notes.append(Remark(text))
+    return notes
 
 
 def not_included(uncertain: Sequence[UncertainParameter], kinds: Container[str] = ()) -> str:

@@ -130,7 +130,8 @@ def build_project(
                 if f"{part.name}.{key}" in changed and f"{part.name}.{name}.{key}" not in changed:
                     findings.warn(
                         ("robot", kind, part.name, "materials", name),
-                        f"{part.name}.{name}.{key} is omitted, and keeps the file's value where {part.name}.{key} has another",
+                        f"{part.name}.{name}.{key} is omitted, and keeps the file's value "
+                        f"where {part.name}.{key} has another",
                         attempt=f"`of: {part.name}*.{key}` for one value of both, or {key} of {name}",
                     )
     # Memory, preload and speed of friction have no effect with a coefficient that is zero and not free.

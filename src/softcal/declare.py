@@ -33,7 +33,7 @@ from typing import (
     get_type_hints,
 )
 
-from softcal.errors import Fault, InputError, nearest, unknown
+from softcal.errors import Fault, InputError, unknown, unknown_keys
 
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
@@ -491,9 +491,7 @@ def read_mapping(
     """
     from pydantic_core import InitErrorDetails, ValidationError
 
-    others = [key for key in given if key not in known]
-    # A required key that was only mistyped is one mistake, reported once.
-    meant = {(nearest(str(key), known).strip("'"),) for key in others}
+    others, meant = unknown_keys(given, known)
     found = [
         InitErrorDetails(
             type=as_pydantic(unknown("unknown key", "", str(key), sorted(known))),
@@ -520,7 +518,7 @@ def read_mapping(
     else:
         if not found:
             return made
-    told = [one for one in found if not (one["type"] == "missing" and one.get("loc") in meant)]
+    told = [one for one in found if not (one["type"] == "missing" and one.get("loc") in {(key,) for key in meant})]
     raise ValidationError.from_exception_data(title, told)
 
 

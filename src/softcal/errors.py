@@ -15,8 +15,9 @@ SoftcalError
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,12 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return "".join(f"'{one}'" for one in _alike(name, known, 1, 0.5))
 
 
+def unknown_keys(given: Iterable[Any], known: Collection[str]) -> tuple[list[Any], set[str]]:
+    """The keys that are not known, and the known ones for which they may be misspelt: such a pair is one mistake."""
+    others = [key for key in given if key not in known]
+    return others, {nearest(str(key), known).strip("'") for key in others}
+
+
 # Word of the field -> the name of that key or channel in softcal.
 _MEANT = {
     **dict.fromkeys(("e", "modulus", "young", "elastic_modulus", "stiffness"), "youngs_modulus"),
@@ -157,9 +164,7 @@ def unknown(
         What is said where there is no name at all.
     """
     names = list(dict.fromkeys(known))
-    if (meant := _meant(name)) in names:
-        attempt = f"'{meant}'"
-    elif len(names) <= FEW:
+    if len(names) <= FEW or _meant(name) in names:
         attempt = nearest(name, [*among] or names)
     else:
         likely = _alike(name, among, NEAREST)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from softcal.errors import Fault, UnitError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import pint
 
 # SI unit of each kind of quantity -> display unit.
@@ -338,6 +340,11 @@ def format_range(low: float, high: float, si_unit: str, *, digits: int = AS_WRIT
     below = readable_unit(low, si_unit) if low else above
     first = format_quantity(low, si_unit, below, digits=digits)
     return f"{first.removesuffix(f' {above}')} to {format_quantity(high, si_unit, above, digits=digits)}"
+
+
+def format_place(at: Iterable[float], decimals: int = 6) -> str:
+    """Text such as "(10, 0, 42.5) mm" for a point [m], to six digits and so many decimals."""
+    return f"({', '.join(f'{round(1e3 * x, decimals) + 0.0:.6g}' for x in at)}) mm"
 
 
 def digits_that_tell(low: float, high: float) -> int:

@@ -19,6 +19,9 @@ def test_a_search_that_did_not_converge_is_warned_of_and_no_other(capsys: pytest
     print_results({"joint": short})
     told = capsys.readouterr()
     assert told.err.startswith("Warning: joint: Not converged after 1 trial")
+    print_results({"joint": short}, verbose=True)
+    told = capsys.readouterr()
+    assert (told.err + told.out).count(f"joint: {short.status}") == 1
     for other in (calibrate(problem, starts=1), replace(short, converged=None)):
         print_results({"joint": other})
         assert "No intervals are given" not in capsys.readouterr().err

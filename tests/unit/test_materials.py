@@ -99,9 +99,19 @@ def test_a_constant_that_is_omitted_and_does_not_vary_with_the_body_is_warned_of
     if name == "density":
         uncertain = uncertain[0], uncertain[1].replace("0.01", "10 kg/m^3")
     found = [str(one) for one in load(two_materials(tmp_path / "p", uncertain)).warnings]
-    assert [f"bar.soft.{name} is omitted, and keeps its value where bar.{name} varies" in one for one in found] == (
-        [True] if whose == "bar" else []
-    )
+    said = f"bar.soft.{name} is omitted, and keeps the file's value where bar.{name} has another"
+    assert [said in one for one in found] == ([True] if whose == "bar" else [])
+
+
+@pytest.mark.parametrize(("whose", "n"), [("bar", 1), ("bar*", 0)])
+def test_a_constant_that_is_omitted_is_warned_of_where_that_of_the_body_is_set(tmp_path: Path, whose: str, n: int):
+    project = load(two_materials(tmp_path / "p"), values={f"{whose}.poissons_ratio": 0.4})
+    inclusion = robot_parameters(project.robot)["bar.soft.poissons_ratio"].value
+    assert inclusion == (0.35 if n else 0.4)
+    assert len(project.warnings) == n
+    also = "" if n else ", bar.soft.poissons_ratio: 0.4"
+    setting = "    cable: front\n", f"    cable: front\n    settings: {{bar.poissons_ratio: 0.4{also}}}\n"
+    assert len(load(two_materials(tmp_path / "q", setting)).warnings) == n
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from softcal.units import (
     FREQUENT,
     SI_UNITS,
     by_pint,
+    format_place,
     format_quantity,
     format_range,
     parse_quantity,
@@ -172,6 +173,11 @@ def test_a_range_is_told_as_it_was_written():
     assert format_range(0.0, 3e-3, "m") == "0 to 3 mm"
     assert format_range(-math.radians(2), math.radians(12), "rad") == "-2 to 12 deg"
     assert format_range(0.3, 0.49999, "1") == "0.3 to 0.49999"
+
+
+def test_a_point_is_told_in_millimetres_without_rounding_errors():
+    assert format_place((0.01, -0.0, 0.1 + 0.2)) == "(10, 0, 300) mm"
+    assert format_place((1.2345e-3, -1e-12, 9.0), 2) == "(1.23, 0, 9000) mm"
 
 
 @pytest.mark.parametrize(("dimension", "unit"), [(of, unit) for of, units in FREQUENT.items() for unit in units])

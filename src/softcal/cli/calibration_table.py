@@ -173,14 +173,14 @@ def _includes_mesh(result: CalibrationResult) -> bool:
 
 
 def _statuses(results: Mapping[str, CalibrationResult]) -> list[str]:
-    """The statuses of the searches: in one line where all converged."""
+    """The statuses of the searches of which nothing warns: in one line where all converged."""
     if all(result.converged for result in results.values()) and len(results) > 1:
         n = [len(result.trials) for result in results.values()]
         span = f"{min(n)} to {max(n)}" if min(n) < max(n) else str(n[0])
         return [f"All {len(results)} searches converged, each in {span} trials."]
     from softcal.report.format import few
 
-    return few(f"{label}: {result.status}" for label, result in results.items())
+    return few(f"{label}: {result.status}" for label, result in results.items() if result.converged is not False)
 
 
 def result_line(label: str, result: CalibrationResult) -> str:

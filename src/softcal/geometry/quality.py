@@ -12,6 +12,7 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import TET_EDGES, TET_FACES, face_keys
 from softcal.geometry.mesh import TetMesh
+from softcal.units import format_place
 
 # A tet whose smallest dihedral angle [rad] is below this is a sliver.
 SLIVER_ANGLE = math.radians(5.0)
@@ -164,12 +165,12 @@ def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:
                 attempt="merge the nodes at the same place" if hint else "one mesh for each body",
             )
         )
-    if report.unreferenced:
+    if loose := report.unreferenced:
         faults.append(
             Fault(
-                f"{len(report.unreferenced)} of {report.n_points} nodes belong to no tet",
+                f"{len(loose)} of {report.n_points} nodes belong to no tet",
                 where=where,
-                got=f"nodes {_some(report.unreferenced)}, the first at {_place(mesh.points[report.unreferenced[0]])}",
+                got=f"nodes {_some(loose)}, the first at {format_place(mesh.points[loose[0]])}",
                 allowed="nodes of tets only",
                 attempt="write the tets and their nodes alone; in Python drop_unreferenced(mesh)",
             )
@@ -217,10 +218,6 @@ def _jacobians(mesh: TetMesh, places: Floats) -> Floats:
 def _triple(values: Floats) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
-
-
-def _place(point: Floats) -> str:
-    return f"({', '.join(f'{1e3 * x:.6g}' for x in point.tolist())}) mm"
 
 
 def _some(numbers: tuple[int, ...] | Ints) -> str:

@@ -13,6 +13,7 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import barycentric_in, locate_points, nearest_places, tets_holding
 from softcal.geometry.mesh import TetMesh
+from softcal.units import format_place
 
 # Weights this small are rounding, of weights of about one.
 NO_WEIGHT = 1e-14
@@ -246,7 +247,7 @@ def _located_inside(mesh: TetMesh, points: Floats, where: str) -> tuple[Ints, Fl
             Fault(
                 "a via point that an offset moves must lie inside its body, in an element that is not curved",
                 where=where,
-                got="(" + ", ".join(f"{1e3 * x:.6g}" for x in points[outside.argmax()]) + ") mm",
+                got=format_place(points[outside.argmax()]),
                 allowed="a point in the material; one in a bore goes with the bore",
             )
         )

@@ -141,9 +141,7 @@ class Segments:
 
     def vectors(self, x: Floats) -> Floats:
         """Segment vectors (n_segments, 3) [m]."""
-        if len(self) == 0:
-            return np.zeros((0, 3))
-        return np.add.reduceat(self.sigma[:, None] * x[self.support], self.ptr[:-1], axis=0)
+        return self.shape(x).v
 
     def shape(self, x: Floats) -> SegmentShape:
         """Vectors and lengths at positions x, and how these change."""

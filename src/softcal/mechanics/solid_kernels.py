@@ -246,24 +246,10 @@ def add_both_linear(
 
     Parameters
     ----------
-    gradient
-        Gradient on all entities, changed.
-    data
-        Entries of the tangent, changed.
-    conn
-        Points of the tets (n_tets, n_a).
-    places
-        Places of the blocks.
-    dN
-        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
-    w
-        Weights of the quadrature points (n_tets, n_q) [m^3].
-    F
-        Deformation gradients (n_tets, n_q, 3, 3) [-].
-    J
-        Volume ratios (n_tets, n_q) [-].
-    coefficients
-        Derivatives psi_1, psi_J and psi_JJ of the law by I1 and J (3, n_tets * n_q) [Pa].
+    gradient, conn
+        See `add_gradient`.
+    data, places, dN, w, F, J, coefficients
+        See `add_tangent`.
     """
     for e in range(len(w)):
         f00, f01, f02 = F[e, 0, 0, 0], F[e, 0, 0, 1], F[e, 0, 0, 2]
@@ -429,20 +415,8 @@ def add_stress_tangent_linear(
 
     Parameters
     ----------
-    data
-        Entries of the tangent, changed.
-    places
-        Places of the blocks.
-    dN
-        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
-    w
-        Weights of the quadrature points (n_tets, n_q) [m^3].
-    F
-        Deformation gradients (n_tets, n_q, 3, 3) [-].
-    S
-        Second Piola-Kirchhoff stresses (n_tets * n_q, 6) [Pa].
-    D
-        Their tangents (n_tets * n_q, 6, 6) [Pa].
+    data, places, dN, w, F, S, D
+        See `add_stress_tangent`.
     """
     for e in range(len(w)):
         f0, f1, f2 = _row(F[e, 0, 0]), _row(F[e, 0, 1]), _row(F[e, 0, 2])

@@ -27,6 +27,7 @@ from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.term import NOTHING, BlockColumns, Controls, Failing, Given, Sum, Term, Theta
 from softcal.mechanics.wire_contact import WireContactTerm
+from softcal.units import format_place
 
 Kind = TypeVar("Kind", bound=Term)
 
@@ -291,8 +292,10 @@ class System:
         """The place of an element that fails, as part of a sentence."""
         away = {name: float(np.linalg.norm(at - failing.at)) for name, at in self.landmarks.items()}
         near = min((name for name in away if away[name] < NEAR * failing.size), key=lambda name: away[name], default="")
-        beside = f", at {near} {_millimetres(self.landmarks[near])}" if near else ""
-        return f"the elements of {failing.part} at {_millimetres(failing.at)}{beside}, fail first: J = {failing.J:.2g}"
+        beside = f", at {near} {format_place(self.landmarks[near], 2)}" if near else ""
+        return (
+            f"the elements of {failing.part} at {format_place(failing.at, 2)}{beside}, fail first: J = {failing.J:.2g}"
+        )
 
     def remarks(self, state: State, theta: Theta) -> str:
         """Remarks on a solution for the user: sentences with a blank before each, or ""."""
@@ -527,10 +530,6 @@ class System:
                 if row in places and column in places:
                     corner[places[row], places[column]] += rate
         return Border(own, columns, rows, corner, has_moments=bool(total.rank_one_own))
-
-
-def _millimetres(at: Floats) -> str:
-    return "(" + ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in at) + ") mm"
 
 
 def build_system(layout: Layout, terms: Sequence[Term], landmarks: Mapping[str, Floats] | None = None) -> System:

@@ -119,6 +119,7 @@ def build_project(
     for axis in sections.sweep.over if sections.sweep else ():
         varied |= {axis, *tied.get(axis, ())}
     # What a material omits has the value of its part in the file, and is a parameter of its own.
+    changed = {*varied, *held, *(key for test in tests.values() for key in test.settings)}
     for part in robot.deformable:
         kind, section = ("bodies", bodies.get(part.name)) if part in robot.bodies else ("rods", None)
         section = section or sections.robot.rods.get(part.name)
@@ -126,10 +127,11 @@ def build_project(
             keys = {one.name for one in part.constants} - {*material.constants}
             keys |= {"density"} if material.density is None else set()
             for key in sorted(keys):
-                if f"{part.name}.{key}" in varied and f"{part.name}.{name}.{key}" not in varied:
+                if f"{part.name}.{key}" in changed and f"{part.name}.{name}.{key}" not in changed:
                     findings.warn(
                         ("robot", kind, part.name, "materials", name),
-                        f"{part.name}.{name}.{key} is omitted, and keeps its value where {part.name}.{key} varies",
+                        f"{part.name}.{name}.{key} is omitted, and keeps the file's value "
+                        f"where {part.name}.{key} has another",
                         attempt=f"`of: {part.name}*.{key}` for one value of both, or {key} of {name}",
                     )
     # Memory, preload and speed of friction have no effect with a coefficient that is zero and not free.

@@ -26,7 +26,7 @@ from softcal.twin.cables import require_changing_length
 from softcal.twin.joints import tie_fault
 from softcal.twin.robot import Cable, Marker, Moment, Plate, PointLoad, Rod, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.routing import bored, require_movable
-from softcal.units import format_quantity, parse_quantity
+from softcal.units import format_place, format_quantity, parse_quantity
 
 NEARLY_OUTSIDE = 0.2
 """Share of the distance at which a point counts as outside its body: a curved surface is that far from plane faces."""
@@ -95,7 +95,7 @@ class Carriers:
             return
         record, outside = (self.findings.add, off) if off else (self.findings.warn, near)
         furthest = format_quantity(float(found.distances[outside].max()), "m")
-        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[outside[0]]) + ") mm"
+        place = format_place(at[outside[0]])
         is_single = len(outside) == 1
         most = float(found.allowed[outside].min()) * (1.0 if off else NEARLY_OUTSIDE)
         record(

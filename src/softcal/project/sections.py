@@ -10,7 +10,7 @@ from softcal.calibration.problem.loss import LOSSES
 from softcal.calibration.problem.rig import CommonRig
 from softcal.calibration.problem.uncertain import RESERVED
 from softcal.declare import Declared
-from softcal.errors import Fault, ProjectFileError, nearest, unknown
+from softcal.errors import Fault, ProjectFileError, unknown, unknown_keys
 from softcal.experiments.prepare import PlannedStep
 from softcal.limits import LIMITS, RESERVED_OF_TESTS, folded, name_fault
 from softcal.materials.catalogue import LAWS
@@ -80,9 +80,8 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         With every fault of the sections, and every file that is named and is not there.
     """
     findings = Findings(document)
-    others = [key for key in document.data if key not in SECTIONS]
+    others, meant = unknown_keys(document.data, SECTIONS)
     findings.faults += [unknown("unknown key", document.where((key,)), key, SECTIONS) for key in others]
-    meant = {nearest(key, SECTIONS).strip("'") for key in others}
     for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
         if document.data.get(key) is None and key not in meant:
             findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)

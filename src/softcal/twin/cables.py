@@ -35,6 +35,7 @@ from softcal.quantities import (
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensors.actuators import SHORTENING, TENSION
 from softcal.twin.actuated import ActuatedPart
+from softcal.units import format_place
 
 if TYPE_CHECKING:
     from softcal.twin.robot import Plate
@@ -276,9 +277,8 @@ class Cable(ActuatedPart):
                 Fault("a cable needs at least two via points", where=self.name, got=str(len(self.via_points)))
             )
         if not self.length > 0.0:
-            at = ", ".join(f"{1e3 * x:.6g}" for x in self.via_points[0].at)
-            allowed = "via points at two places or more"
-            raise InputError(Fault("the cable has no length", self.name, f"every via point at ({at}) mm", allowed))
+            got = f"every via point at {format_place(self.via_points[0].at)}"
+            raise InputError(Fault("the cable has no length", self.name, got, "via points at two places or more"))
         apart = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
         if len(same := np.flatnonzero(apart <= COINCIDENT * self.length)):
             raise InputError(
@@ -286,7 +286,7 @@ class Cable(ActuatedPart):
                     f"via points {same[0] + 1} and {same[0] + 2} are at one place, so that no direction leads "
                     "from one to the other",
                     where=self.name,
-                    got=f"({', '.join(f'{1e3 * x:.6g}' for x in self.via_points[same[0]].at)}) mm",
+                    got=format_place(self.via_points[same[0]].at),
                     allowed="neighbouring via points apart",
                     attempt="one of the two",
                 )

@@ -182,18 +182,17 @@ def _from_where_it_is(term: ContactTerm, normals: Floats, skin: Floats) -> Conta
     d = distances(term.X, points, faces)
     close = d < term.depth
     points, faces, d = points[close], faces[close], d[close]
-    a, b, c = (term.X[faces[:, k]] for k in range(3))
+    reach, surface = term.reach.copy(), np.concatenate([term.X[: len(term.reach)], skin])
+    # Of the cores' triangles and of the surface's: the unit normals, and the heights of the points above the planes.
+    a, b, c = (np.stack([term.X, surface])[:, faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
-    facing = np.einsum("mi,mi->m", across, normals[points]) < -FACING * np.linalg.norm(across, axis=1)
-    reach = term.reach.copy()
+    across /= np.linalg.norm(across, axis=2, keepdims=True)
+    height, over = np.einsum("smi,smi->sm", across, term.X[points] - a)
+    facing = np.einsum("mi,mi->m", across[0], normals[points]) < -FACING
     # How far the point is in front of the surface above the core. Where it is above the core's triangle, from the plane
     # of the surface's: at a sharp edge that is larger, and the point may be beside it.
-    n, height = len(reach), np.einsum("mi,mi->m", across, term.X[points] - a) / np.linalg.norm(across, axis=1)
-    before = distances(np.concatenate([term.X[:n], skin]), points, faces)
     above = np.isclose(np.abs(height), d, rtol=1e-9, atol=0.0)
-    a, b, c = (skin[faces[above, k] - n] for k in range(3))
-    across = np.cross(b - a, c - a)
-    before[above] = np.einsum("mi,mi->m", across, term.X[points[above]] - a) / np.linalg.norm(across, axis=1)
+    before = np.where(above, over, distances(surface, points, faces))
     np.minimum.at(reach, points[facing], np.clip(d - before, 0.0, d)[facing])
     beside = np.column_stack([np.repeat(points[~facing], 3), faces[~facing].ravel()])
     return replace(term, reach=reach, apart=np.concatenate([term.apart, beside]))

@@ -725,10 +725,8 @@ class _Place(_InOneProcess):
         return snapshot(self.twin, self.state, self._steps.statics.theta, dict(commands), 0.0, "")
 
     def crossed(self) -> str:
-        skins, x = self.twin.skins, self.state.x
-        if skins is None or not skins.pairs(x):
-            return ""
-        return crossed_at([("these commands", skins.crossings(x))])
+        skins = self.twin.skins
+        return "" if skins is None else crossed_at([("these commands", skins.crossings(self.state.x))])
 
     def warnings(self) -> tuple[str, ...]:
         system, theta = self.twin.system, self._steps.statics.theta

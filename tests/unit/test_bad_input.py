@@ -374,6 +374,17 @@ def test_force_in_kilonewtons_by_mistake_is_warned_of(
     assert "implausible compared with the twin's" in err
 
 
+@pytest.mark.parametrize(("at", "said"), [("0.03", "near the origin"), ("30000", "far away"), ("30", ""), ("0", "")])
+def test_a_point_in_metres_by_mistake_is_warned_of(tmp_path: Path, at: str, said: str):
+    from softcal.project.project import load
+    from softcal.workflows.checking import check
+
+    project = load(write_project(tmp_path, ("[30 mm, 0 mm, 0 mm]", f"[{at} mm, 0 mm, 0 mm]")))
+    found = [one for one in check(project, solve=False).warnings if "m written for mm" in one]
+    assert len(found) == bool(said)
+    assert all(one.startswith(f"front, via point 2: the point ({at}, 0, 0) mm is {said}") for one in found)
+
+
 def test_a_value_outside_the_bounds_of_its_search_is_warned_of(tmp_path: Path):
     from softcal.project.project import load
     from softcal.workflows.checking import check

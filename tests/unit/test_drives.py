@@ -19,6 +19,8 @@ from softcal.workflows.cases import commanded, parse_pulls
 from softcal.workflows.checking import check
 from softcal.workflows.reach import reach
 from softcal.workflows.reporting import write_report
+from softcal.workflows.simulation import protocol_of
+from softcal.workflows.template import write_template
 
 TORQUE_CONSTANT, COUNTS = 0.9, 4096
 SERVO = (
@@ -117,6 +119,17 @@ def test_modulus_radius_backlash_and_zero_are_found(tmp_path: Path) -> None:
     report = write_report(tmp_path / "run", figures=["trajectory"])
     drawn = next(path for path in report.figures if path.suffix == ".svg").read_text(encoding="utf-8")
     assert "servo.angle [deg]" in drawn
+
+
+def test_the_template_has_the_truth_that_it_states(tmp_path: Path) -> None:
+    project = load(write_template("servo", tmp_path / "arm"))
+    assert not check(project, solve=False).warnings
+    truth = {"spine.youngs_modulus": 0.9e9, "servo.gear_backlash": np.radians(3.0), "servo.zero": np.radians(1.5)}
+    (experiment,) = project.experiments.values()
+    response = simulate(with_parameters(project.robot, truth), protocol_of(project))
+    for channel, noise in (("servo.torque", 0.2e-3), ("pitch", np.radians(0.1))):
+        twin = response.channels[str(experiment.twin_channel(channel))]
+        assert np.std(experiment.dataset.values(channel) - twin) == pytest.approx(noise, rel=0.3)
 
 
 @pytest.mark.slow

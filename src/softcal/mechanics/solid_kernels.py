@@ -118,16 +118,8 @@ def add_stress_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: 
 
     Parameters
     ----------
-    gradient
-        Gradient on all entities, changed.
-    conn
-        Points of the tets (n_tets, n_a).
-    dN
-        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
-    w
-        Weights of the quadrature points (n_tets, n_q) [m^3].
-    F
-        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    gradient, conn, dN, w, F
+        See `add_gradient`.
     S
         Second Piola-Kirchhoff stresses (n_tets * n_q, 6) [Pa].
     """
@@ -360,16 +352,8 @@ def add_stress_tangent(data: Floats, places: Places, dN: Floats, w: Floats, F: F
 
     Parameters
     ----------
-    data
-        Entries of the tangent, changed.
-    places
-        Places of the blocks.
-    dN
-        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
-    w
-        Weights of the quadrature points (n_tets, n_q) [m^3].
-    F
-        Deformation gradients (n_tets, n_q, 3, 3) [-].
+    data, places, dN, w, F
+        See `add_tangent`.
     S
         Second Piola-Kirchhoff stresses (n_tets * n_q, 6) [Pa].
     D
@@ -570,14 +554,8 @@ def add_coupling(
         Entries of the tangent, changed.
     coupling, pressure_places
         Places of the blocks.
-    dN
-        Gradients of the shape functions (n_tets, n_q, n_a, 3) [1/m].
-    w
-        Weights of the quadrature points (n_tets, n_q) [m^3].
-    F
-        Deformation gradients (n_tets, n_q, 3, 3) [-].
-    J
-        Volume ratios (n_tets, n_q) [-].
+    dN, w, F, J
+        See `add_tangent`.
     N_p
         Shape functions of the pressures (n_tets, n_q, n_b) [-].
     dg

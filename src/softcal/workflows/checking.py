@@ -18,6 +18,7 @@ from softcal.display import displayed
 from softcal.errors import Fault, InputError
 from softcal.experiments.driven import driven_whole
 from softcal.geometry.cell import CELLS
+from softcal.geometry.quality import SAME_PLACE
 from softcal.html_text import summary
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.chamber import ChamberTerm
@@ -28,14 +29,16 @@ from softcal.twin.channels import channels_of
 from softcal.twin.material import Material
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Rod
-from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
+from softcal.twin.robot import Body, Robot, Rod
+from softcal.units import AS_WRITTEN, format_place, format_quantity, format_range, plain
 from softcal.workflows.checked_cables import beyond_limits, cable_rows, off_course
 from softcal.workflows.output import require_writable
 from softcal.workflows.start_states import BlockObserver, start_states
 
 # The measured stiffness is implausible beyond this factor of the twin's stiffness at the bounds of its moduli.
 STIFFNESS_MARGIN = 2.0
+# Points whose largest coordinate is a smaller or larger part of the robot's are suspect, but at the origin.
+SMALL, LARGE = 1e-3, 100.0
 
 
 @displayed
@@ -95,7 +98,7 @@ def check(
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += [*_beyond_bounds(project), *off_course(project.robot)]
-    warnings += [*_unstable_at_rest(project), *beyond_limits(project)]
+    warnings += [*_off_scale(project.robot), *_unstable_at_rest(project), *beyond_limits(project)]
     if project.experiments and project.space is not None:
         from softcal.workflows.calibration import plan
 
@@ -122,6 +125,22 @@ def check(
     drawn = draw_check(project.robot, records, out_dir, shown)
     pictures = [drawn.robot, *([drawn.states] if drawn.states else []), *drawn.datasets.values()]
     return CheckReport(rows, tuple(warnings), tuple(pictures), drawn.notes)
+
+
+def _off_scale(robot: Robot) -> list[str]:
+    """The points whose coordinates are far smaller or larger than the robot, as where m was written for mm."""
+    parts = [*(body.mesh.points for body in robot.bodies), *(rod.centreline.nodes for rod in robot.rods)]
+    size = float(np.abs(np.concatenate(parts)).max())
+    points = {plate.name: plate.reference for plate in robot.plates}
+    placed = {part.name: getattr(part, "at", None) for part in (*robot.markers, *robot.loads)}
+    points |= {name: at for name, at in placed.items() if at is not None}
+    points |= {f"{one.name}, via point {i}": via.at for one in robot.cables for i, via in enumerate(one.via_points, 1)}
+    return [
+        f"{name}: the point {format_place(at)} is {'near the origin' if far < size else 'far away'} for a robot that "
+        f"reaches to {format_quantity(size, 'm')}: m written for mm, or mm for m?"
+        for name, at in points.items()
+        if not (SAME_PLACE * size >= (far := float(np.abs(at).max())) or SMALL * size <= far <= LARGE * size)
+    ]
 
 
 def _unstable_at_rest(project: Project) -> list[str]:

@@ -20,7 +20,10 @@ LEAST_WIDTH = len("under its loads")
 @register_command("start", 1)
 def init(
     template: Annotated[
-        str, typer.Argument(help="What to start from: finger, neck, pneunet, bellows, manipulator.", show_default=False)
+        str,
+        typer.Argument(
+            help="What to start from: finger, neck, pneunet, bellows, servo, manipulator.", show_default=False
+        ),
     ],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
 ) -> None:

@@ -8,7 +8,7 @@ from scripts.house import floors, house
 LIMITS = {
     "lines": (108_452, 73_000),
     "lines of the core": (88_549, 50_000),
-    "private helpers called once": (397, 400),
+    "private helpers called once": (398, 400),
     "files below 60 lines": (73, 80),
     "share of imports [%]": (7.9, 7.0),
     "public functions of 3 arguments without Parameters": (0, 0),

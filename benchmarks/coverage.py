@@ -269,8 +269,8 @@ class Coverage:
     ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error. differ: studies that
     call the experiments different in any parameter. misfits: studies that say that residuals are more than noise, or
     that model and bounds contradict the data. named: studies that name the case's cause among the first two of the
-    channel in which causes take most off the squares relative to the noise. times: as many times as long, 90 % of the
-    intervals would contain the true value.
+    channel of which a cause explains the largest share. times: as many times as long, 90 % of the intervals would
+    contain the true value.
     """
 
     case: Case
@@ -325,12 +325,10 @@ def _distance(true: float, value: float, interval: tuple[float, float]) -> float
 
 
 def _causes(records: Sequence[ResidualRecord]) -> list[str]:
-    """What is said of the records: the first two causes of the channel in which they take most off the squares relative
-    to the noise, outliers, steps.
+    """What is said of the records: the first two causes of the channel of which a cause explains the largest share,
+    outliers, steps.
     """
-    clearest = max(
-        records, key=lambda one: one.significance**2 * max(one.explained.values(), default=0.0), default=None
-    )
+    clearest = max(records, key=lambda one: max(one.explained.values(), default=0.0), default=None)
     words = [] if clearest is None else list(clearest.explained)[:2]
     outliers, steps = any(one.outliers for one in records), any(one.step for one in records)
     return [*words, *[OUTLIERS] * outliers, *[STEPS] * steps]

@@ -205,3 +205,12 @@ def test_check_tells_lag_and_rate(tmp_path: Path) -> None:
     assert "ppm" in rows_of(report)["  clocks"]
     assert any("quartz clocks differ by 200 ppm at most" in sentence for sentence in report.warnings)
     assert "  clocks" not in rows_of(check(load(write_project(tmp_path / "one", data=bench_csv())), solve=False))
+
+
+def test_a_test_that_the_twin_cannot_follow_is_said_once(tmp_path: Path) -> None:
+    rows = [line.split(",") for line in bench_csv().splitlines()]
+    far = "\n".join(",".join([t, d if d[0] == "D" else f"{4.0 * float(d)}", *rest]) for t, d, *rest in rows)
+    soft = ("      youngs_modulus", "      law: stvenant-kirchhoff\n      youngs_modulus")
+    report = check(load(write_project(tmp_path, soft, data=far)))
+    assert ("end of pull", "not reached") in report.rows
+    assert report._repr_html_().count("The load path was ended at ") == 1

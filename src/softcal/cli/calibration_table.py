@@ -152,8 +152,9 @@ def _remarks(
         yield from (Remark(f"{label}: {text}", "warning", label) for text in response.warnings)
     yield from map(Remark, _statuses(results))
     coarse = [label for label, result in results.items() if label not in shown and not _includes_mesh(result)]
+    warned = {note.text for note in warnings}
     for note, labels in notes.items():
-        if note in warnings:
+        if note.text in warned:
             continue
         more = ""
         if note.text.startswith(INCLUDED) and coarse and any(_includes_mesh(results[label]) for label in labels):

@@ -29,7 +29,7 @@ from softcal.twin.protocol import Protocol, command_faults, controls_at, let_go_
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule
-from softcal.twin.sensors import cable_columns, channel_units, sense
+from softcal.twin.sensors import channel_units, sense
 from softcal.twin.start import UNDER_LOADS, Start, instability, pretensioned, snapshot
 from softcal.twin.time_settings import TimeSettings
 
@@ -241,11 +241,10 @@ class _Motion:
     def _keep(self, now: Instant, n_steps: int) -> None:
         row = sense(self.twin, now.state, self.theta)
         controls = self._controls(now.time)
-        # A slack cable's shortening is the command.
-        columns = cable_columns(self.twin, SHORTENING)
-        slack = (~controls.is_held & (now.state.effort == 0.0))[: len(columns)]
-        slack &= np.array([cable.name not in self.twin.robot.led for cable in self.twin.robot.cables], dtype=bool)
-        row[np.array(columns, dtype=int)[slack]] = controls.coordinate[: len(columns)][slack]
+        robot, slack = self.twin.robot, ~controls.is_held & (now.state.effort == 0.0)
+        for i, cable in enumerate(robot.cables):
+            if slack[i] and cable.name not in robot.led:  # its shortening is the command
+                row[self.twin.column(cable.name, SHORTENING)] = controls.coordinate[i]
         if self.n_snapshots and len(self.rows) % max(n_steps // self.n_snapshots, 1) == 0:
             self.shapes.append(self._shape(now))
         self.times.append(now.time)

@@ -14,7 +14,6 @@ from softcal.mechanics.node import Node
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Theta
-from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture
 from softcal.twin.build import Twin
 from softcal.twin.markers import MarkerPlace
@@ -24,11 +23,6 @@ from softcal.twin.parameters import MARKER_OFFSETS
 def channel_units(twin: Twin) -> dict[str, str]:
     """Every channel of the robot and its SI unit, in a fixed order."""
     return {str(channel): channel.kind.unit for channel in twin.columns}
-
-
-def cable_columns(twin: Twin, kind: ChannelKind) -> list[int]:
-    """The columns of a kind of channel of each cable, in the cables' order."""
-    return [twin.column(cable.name, kind) for cable in twin.robot.cables]
 
 
 def angle_columns(twin: Twin) -> list[int]:

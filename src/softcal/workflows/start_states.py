@@ -159,8 +159,10 @@ def at_start_values(project: Project) -> Project:
 
 def _end_summary(experiment: Experiment, response: Response, undeformed: Snapshot) -> tuple[str, list[str]]:
     """Description of the end of an experiment, and warnings."""
+    if response.stopped_by is not None:
+        return response.status, []
     if not response.succeeded:
-        return response.status, [f"the twin at the start values cannot follow this test. {response.status}"]
+        return "not reached", [f"the twin at the start values cannot follow this test. {response.status}"]
     warnings = list(response.warnings)
     parts: list[str] = []
     for channel in experiment.drives:

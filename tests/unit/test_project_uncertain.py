@@ -12,6 +12,7 @@ from project_case import PROJECT, write_project
 from softcal.calibration.problem.frame import FRAME
 from softcal.errors import ProjectFileError
 from softcal.geometry.shape import LENGTHS
+from softcal.mechanics.loads import GRAVITY
 from softcal.mechanics.tensions import BY_LENGTH, KINDS
 from softcal.project.project import Project, load
 from softcal.project.search import quantity_of
@@ -173,7 +174,7 @@ def test_the_table_of_the_rig_has_every_parameter_with_its_unit() -> None:
         assert kind.unit == unit, name
     of_rig = {
         *readings(),
-        *(name.partition(".")[2] for name in FRAME),
+        *(name.partition(".")[2] for name in (*FRAME, *GRAVITY)),
         *MARKER_OFFSETS,
         "routing_offset",
         "routing_angle",

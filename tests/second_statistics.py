@@ -614,10 +614,10 @@ def causes(fit: Fit, experiment: str) -> dict[str, tuple[float, Worth, dict[str,
                 hinge = y - ((1 - share) * y.min() + share * y.max())
                 shapes[f"contact of surfaces{share}"] = np.where(hinge > 0, hinge, 0)
         shapes = {cause: shape / np.linalg.norm(shape) for cause, shape in shapes.items() if np.any(shape != 0)}
-        beside = sum(not cause.startswith("contact of surfaces") for cause in shapes)
+        beside = [not cause.startswith("contact of surfaces") and "#" not in cause for cause in shapes]
         C = averaged(np.column_stack(list(shapes.values())))
         J, r = averaged(b.J), averaged(b.r)
-        X = span(np.column_stack([J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), C[:, :beside]]))
+        X = span(np.column_stack([J / np.maximum(np.linalg.norm(J, axis=0), 1e-300), C[:, beside]]))
         along = process([(r, X)])
         left = r - X @ (X.T @ r)
         V = left @ left / (len(r) - X.shape[1]) * np.eye(len(r)) if along is None else along.covariance(len(r))

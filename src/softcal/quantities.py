@@ -115,6 +115,8 @@ def noise_in(unit: str) -> Quantity:
     return replace(QUANTITIES["noise"], unit=unit)
 
 
+GRAVITY = ("gravity.gx", "gravity.gy", "gravity.gz")
+"""The parameters that are the acceleration of weights, along the axes of space."""
 _EARTHS = "9.81 m/s^2, or 9810 mm/s^2"
 
 QUANTITIES: Mapping[str, Quantity] = {

@@ -12,10 +12,10 @@ from project_case import PROJECT, write_project
 from softcal.calibration.problem.frame import FRAME
 from softcal.errors import ProjectFileError
 from softcal.geometry.shape import LENGTHS
-from softcal.mechanics.loads import GRAVITY
 from softcal.mechanics.tensions import BY_LENGTH, KINDS
 from softcal.project.project import Project, load
 from softcal.project.search import quantity_of
+from softcal.quantities import GRAVITY
 from softcal.sensing.channel import readings
 from softcal.twin.parameters import MARKER_OFFSETS
 from softcal.workflows.calibration import make_problem

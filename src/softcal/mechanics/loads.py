@@ -10,9 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.term import ByTheta, Given, Sum, Term, Theta
-
-GRAVITY = ("gravity.gx", "gravity.gy", "gravity.gz")
-"""The parameters that are the acceleration of weights, along the axes of space."""
+from softcal.quantities import GRAVITY
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from softcal.display import displayed
 from softcal.errors import Fault, ParameterError, unknown
 from softcal.geometry.shape import LENGTHS
 from softcal.materials.catalogue import LAWS, constants_of
-from softcal.mechanics.loads import GRAVITY
-from softcal.quantities import QUANTITIES, Quantity
+from softcal.quantities import GRAVITY, QUANTITIES, Quantity
 from softcal.twin.actuated import ACTUATORS
 from softcal.twin.lengths import with_lengths
 from softcal.twin.material import Material

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.loads import GRAVITY
 from softcal.mechanics.term import part_theta
+from softcal.quantities import GRAVITY
 from softcal.twin.build import Twin
 from softcal.twin.channels import sensors_of
 from softcal.twin.parameters import MODULUS, robot_parameters

@@ -26,7 +26,7 @@ from softcal.calibration.statistics.misfit import COUNTS, RobotError, likelihood
 from softcal.calibration.statistics.noise import ANY_LESS, MISFIT
 from softcal.calibration.statistics.residuals import SHOWN
 from softcal.checks import Floats
-from softcal.mechanics.loads import GRAVITY
+from softcal.quantities import GRAVITY
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import ParameterInfo, robot_parameters
 from softcal.twin.robot import Cable, Robot

@@ -216,8 +216,10 @@ def _whitened(block: Block, jacobian: Floats, changes: Floats | None = None) -> 
     shapes = [(cause, shape / np.linalg.norm(shape)) for cause, shape in _shapes(block)]
     columns = np.column_stack([jacobian, *(shape for _, shape in shapes), changes])
     averaged = record(block.residual, columns, columns)
-    # Contact from several places on would leave no noise.
-    beside = [True] * jacobian.shape[1] + [cause != CONTACT for cause, _ in shapes] + [False] * changes.shape[1]
+    # One shape of each cause: all of them, or contact from several places on, would leave too little noise.
+    causes = [cause for cause, _ in shapes]
+    first = [cause != CONTACT and cause not in causes[:k] for k, cause in enumerate(causes)]
+    beside = [True] * jacobian.shape[1] + first + [False] * changes.shape[1]
     noise = replace(averaged, answer=averaged.answer[:, beside])
     X = span(noise.answer)
     left = _without(X, averaged.residual)
@@ -246,8 +248,8 @@ def _shapes(block: Block) -> list[tuple[str, Floats]]:
         (DRIFT, time - time[0]),
         (GAIN, y),
         (SLACK, change if block.command is None else onwards * change),
-        (LAW, y * np.abs(y / largest)),
         (LAW, y * (y / largest) ** 2),
+        (LAW, y * np.abs(y / largest)),
     ]
     if _BRANCH < float(np.mean(onwards > 0.0)) < 1.0 - _BRANCH:
         shapes += [(FRICTION, onwards * y), (DELAY, change)]

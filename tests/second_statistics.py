@@ -417,12 +417,12 @@ class Estimator:
             for b in (b for b in self.fit.blocks if b.experiment == e):
                 clear, _, changes, _ = worths[b.channel]
                 beyond_chance = clear**2 - 2 * math.log(max(len(worths), 2) / 2)
-                if beyond_chance > 9 and changes:
+                if beyond_chance > 3.5**2 and changes:
                     most = max(t for t, _ in changes.values())
                     odds = [math.exp((t**2 - most**2) / 2 / max(1, 0.02 * most**2)) for t, _ in changes.values()]
                     parts = zip(odds, changes.values(), strict=True)
                     likely = [math.sqrt(p / sum(odds)) * change for p, (_, change) in parts]
-                    missing = np.stack(likely, axis=1) * math.sqrt(min(math.sqrt(beyond_chance) - 3, 1) * 4 / 3)
+                    missing = np.stack(likely, axis=1) * math.sqrt(min(math.sqrt(beyond_chance) - 3.5, 1) * 4 / 3)
                     one = Source("misfit", [b.bent(missing).T @ b.pull], [e], [missing.T @ b.pull])
                     self.sources.append(one)
                     self.answers.append(self._answer(one))

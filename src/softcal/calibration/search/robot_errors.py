@@ -91,7 +91,7 @@ def with_robot_errors(problem: Problem, best: Evaluation, uncertain: tuple[Uncer
     found = suspects(problem, best, uncertain)
     if not found:
         return WithRobotErrors(best)
-    # As a shape of a usual cause they count in part from three standard errors, and in whole from four.
+    # As a shape of a usual cause they count in part from 3.5 standard errors, and in whole from 4.5.
     counts = ANY_LESS * np.sqrt(min(found[0].error.worth - COUNTS, 1.0))
     sizes = [counts * np.sqrt(one.likelihood) for one in found]
     blocks = tuple(

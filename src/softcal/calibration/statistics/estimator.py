@@ -20,7 +20,7 @@ These drifts make no standard error longer than by half.
 
 What the model misses is an error too: in each channel whose residuals may be more than noise one of the usual causes
 (`misfit.py`), as large as it is in the residuals or less, moves the minimum by what the parameters follow of it. The
-causes count with their probabilities, in part from three standard errors of the clearest shape and in whole from four:
+causes count with their probabilities, in part from 3.5 standard errors of the clearest shape and in whole from 4.5:
 what is too small to be said beyond chance still moves the estimate by more than its noise.
 """
 
